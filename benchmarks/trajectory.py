@@ -41,11 +41,10 @@ import pepper_kin as pk
 from pepper_kin.core.timing.rate_program import fastest_rate
 from pepper_kin.exceptions import InfeasibleError
 from pepper_kin.trajectory import OnlineMotion, Trajectory, retime
-from pepper_kin.trajectory.jerk_rows import rate_program
 from pepper_kin.trajectory.limits import jerk_limits, motion_limits
 from pepper_kin.trajectory.path import as_cubic_path
 from pepper_kin.trajectory.retiming import grid_parameters
-from pepper_kin.trajectory.smooth_time import PIECES, smooth_time
+from pepper_kin.trajectory.smooth_time import PIECES, rate_program, smooth_time
 
 PEPPER = pk.load_pepper().with_requirements("limits")
 WHEELS = ("WheelB_link", "WheelFL_link", "WheelFR_link")

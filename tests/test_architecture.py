@@ -260,8 +260,7 @@ CERTIFICATES = (
     "pepper_kin/collision/checker.py",
     "pepper_kin/collision/least_clearance.py",
     "pepper_kin/dynamics/newton_euler.py",
-    "pepper_kin/trajectory/extremes.py",
-    "pepper_kin/trajectory/rate_bounds.py",
+    "pepper_kin/trajectory/examined_states.py",
     *(str(path.relative_to(ROOT)) for path in (ROOT / "pepper_kin/core/certificates").glob("*.py")),
 )
 """Modules that certify a motion: by Newton-Euler, bounds and coal."""

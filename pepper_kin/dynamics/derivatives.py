@@ -12,7 +12,7 @@ from pepper_kin.batch import all_over_states
 from pepper_kin.core import tree_dynamics
 from pepper_kin.dynamics.forward import forward_dynamics
 from pepper_kin.dynamics.mass import inverse_mass_matrix
-from pepper_kin.dynamics.tree_tables import TABLES, by_kernel, one_state
+from pepper_kin.dynamics.tree_tables import by_kernel, one_state
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel
 
@@ -70,13 +70,9 @@ def inverse_dynamics_derivatives(
             solver.
     """
     compute, n = tree_dynamics.inverse_dynamics_derivatives, pepper.n
-    if solver == "robot":
-        try:
-            found = np.empty((3, n, n))
-            if compute.native(pepper.kept[TABLES].tables, q, v, a, found):
-                return InverseDynamicsDerivatives(found[0], found[1], found[2])
-        except (AttributeError, KeyError, TypeError):
-            pass  # a first call, of a thread too, Pinocchio is to compute, or no such arrays
+    at_once = one_state(compute, pepper, solver, (3, n, n), q, v, a)
+    if at_once is not None:
+        return InverseDynamicsDerivatives(at_once[0], at_once[1], at_once[2])
 
     def one(q: Array, v: Array, a: Array) -> tuple[Array, ...]:
         found = one_state(compute, pepper, solver, (3, n, n), *map(np.ascontiguousarray, (q, v, a)))
@@ -115,13 +111,9 @@ def forward_dynamics_derivatives(
         ModelError: naming joints that move no mass.
     """
     compute, n = tree_dynamics.forward_dynamics_derivatives, pepper.n
-    if solver == "robot":
-        try:
-            found = np.empty((3, n, n))
-            if compute.native(pepper.kept[TABLES].tables, q, v, tau, found):
-                return ForwardDynamicsDerivatives(found[0], found[1], found[2])
-        except (AttributeError, KeyError, TypeError):
-            pass  # a first call, of a thread too, Pinocchio is to compute, or no such arrays
+    at_once = one_state(compute, pepper, solver, (3, n, n), q, v, tau)
+    if at_once is not None:
+        return ForwardDynamicsDerivatives(at_once[0], at_once[1], at_once[2])
 
     def one(q: Array, v: Array, tau: Array) -> tuple[Array, ...]:
         found = one_state(compute, pepper, solver, (3, n, n), *map(np.ascontiguousarray, (q, v, tau)))

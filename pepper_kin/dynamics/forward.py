@@ -11,7 +11,7 @@ from pepper_kin.arrays import Array
 from pepper_kin.core import tree_dynamics
 from pepper_kin.dynamics.external_force import external_torque
 from pepper_kin.dynamics.mass import solved
-from pepper_kin.dynamics.tree_tables import TABLES, all_states
+from pepper_kin.dynamics.tree_tables import all_states, one_state
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors
@@ -55,13 +55,9 @@ def forward_dynamics(
         driven = as_joint_vectors(pepper, tau, "tau") + external_torque(pepper, q, forces)
         return forward_dynamics(pepper, q, v, driven, solver=solver)
     compute, shape = tree_dynamics.forward_dynamics, (pepper.n,)
-    if solver == "robot":
-        try:
-            found = np.empty(shape)
-            if compute.native(pepper.kept[TABLES].tables, q, v, tau, found):
-                return found
-        except (AttributeError, KeyError, TypeError):
-            pass  # a first call, of a thread too, Pinocchio is to compute, or no such arrays
+    found = one_state(compute, pepper, solver, shape, q, v, tau)
+    if found is not None:
+        return found
 
     def reference(q: Array, v: Array, tau: Array) -> Array:
         model, data, full_map = pepper.inner_model, pepper.pinocchio_data, pepper.full_map

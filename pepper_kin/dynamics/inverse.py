@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from pepper_kin.arrays import Array
 from pepper_kin.core import tree_dynamics
 from pepper_kin.dynamics.external_force import external_torque
-from pepper_kin.dynamics.tree_tables import TABLES, all_states
+from pepper_kin.dynamics.tree_tables import all_states, one_state
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel
 
@@ -50,13 +50,9 @@ def inverse_dynamics(
     if forces:
         return inverse_dynamics(pepper, q, v, a, solver=solver) - external_torque(pepper, q, forces)
     compute, shape = tree_dynamics.inverse_dynamics, (pepper.n,)
-    if solver == "robot":
-        try:
-            found = np.empty(shape)
-            if compute.native(pepper.kept[TABLES].tables, q, v, a, found):
-                return found
-        except (AttributeError, KeyError, TypeError):
-            pass  # a first call, of a thread too, Pinocchio is to compute, or no such arrays
+    found = one_state(compute, pepper, solver, shape, q, v, a)
+    if found is not None:
+        return found
 
     def reference(q: Array, v: Array, a: Array) -> Array:
         rates = pepper.rate_to_full(v), pepper.rate_to_full(a)
@@ -78,13 +74,9 @@ def gravity_torque(pepper: PepperModel, q: ArrayLike, *, solver: str = "robot") 
         InvalidValueError: for a wrong length, NaN or infinity, or an unknown solver.
     """
     compute, shape = tree_dynamics.gravity_torque, (pepper.n,)
-    if solver == "robot":
-        try:
-            found = np.empty(shape)
-            if compute.native(pepper.kept[TABLES].tables, q, found):
-                return found
-        except (AttributeError, KeyError, TypeError):
-            pass  # a first call, of a thread too, Pinocchio is to compute, or no such arrays
+    found = one_state(compute, pepper, solver, shape, q)
+    if found is not None:
+        return found
 
     def reference(q: Array) -> Array:
         model, data = pepper.inner_model, pepper.pinocchio_data

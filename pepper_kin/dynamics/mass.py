@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from pepper_kin.arrays import Array, read_only
 from pepper_kin.core import tree_dynamics
-from pepper_kin.dynamics.tree_tables import TABLES, all_states
+from pepper_kin.dynamics.tree_tables import all_states, one_state
 from pepper_kin.exceptions import ModelError
 from pepper_kin.lazy_names import lazy_module
 from pepper_kin.model import PepperModel, kept_for_robot, once_for_robot
@@ -71,13 +71,9 @@ def mass_matrix(pepper: PepperModel, q: ArrayLike, *, solver: str = "robot") -> 
         InvalidValueError: for a wrong length, NaN or infinity, or an unknown solver.
     """
     compute, shape = tree_dynamics.mass_matrix, (pepper.n, pepper.n)
-    if solver == "robot":
-        try:
-            found = np.empty(shape)
-            if compute.native(pepper.kept[TABLES].tables, q, found):
-                return found
-        except (AttributeError, KeyError, TypeError):
-            pass  # a first call, of a thread too, Pinocchio is to compute, or no such arrays
+    found = one_state(compute, pepper, solver, shape, q)
+    if found is not None:
+        return found
     full_map = pepper.full_map
 
     def reference(q: Array) -> Array:
@@ -106,13 +102,9 @@ def inverse_mass_matrix(pepper: PepperModel, q: ArrayLike, *, solver: str = "rob
         ModelError: naming joints that move no mass: M has no inverse.
     """
     compute, shape = tree_dynamics.inverse_mass_matrix, (pepper.n, pepper.n)
-    if solver == "robot":
-        try:
-            found = np.empty(shape)
-            if compute.native(pepper.kept[TABLES].tables, q, found):
-                return found
-        except (AttributeError, KeyError, TypeError):
-            pass  # a first call, of a thread too, Pinocchio is to compute, or no such arrays
+    found = one_state(compute, pepper, solver, shape, q)
+    if found is not None:
+        return found
 
     def reference(q: Array) -> Array:
         if not pepper.is_coupled:

@@ -20,8 +20,8 @@ from pepper_kin.model.moving_tree import MovingTree, moving_tree
 TABLES = "tree tables"
 """Where `pepper.kept` has the tables of each thread, of a robot that Pinocchio does not compute.
 
-The functions of this package look there first and call machine code with these tables and their arguments.
-That serves the frequent case, (n,) arrays of floats within range; `all_states` serves all others."""
+The functions of this package call `one_state` first, which looks there: that serves the frequent case, (n,)
+arrays of floats within range; `all_states` serves all others."""
 
 SOLVERS = ("compiled", "pinocchio")
 """What computes one state: machine code over tables of any robot, or Pinocchio, the reference."""
@@ -53,10 +53,9 @@ def _tables_for(pepper: PepperModel, solver: str) -> TreeTables | None:
     if _by_pinocchio(pepper, solver):
         return None
     kept = pepper.kept.setdefault(TABLES, threading.local())
-    try:
-        found: TreeTables | None = kept.tables
-    except AttributeError:
-        found = kept.tables = _with_memory(_tables(pepper))
+    if not hasattr(kept, "tables"):
+        kept.tables = _with_memory(_tables(pepper))
+    found: TreeTables | None = kept.tables
     return found
 
 
@@ -73,7 +72,9 @@ def one_state(
     Returns:
         The result; None where its arguments must be converted or refused, or Pinocchio is to compute.
     """
-    tables = _tables_for(pepper, solver)
+    tables = getattr(pepper.kept.get(TABLES), "tables", None) if solver == "robot" else None
+    if tables is None:
+        tables = _tables_for(pepper, solver)
     if tables is None:
         return None
     result = np.empty(shape)

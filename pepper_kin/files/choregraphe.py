@@ -14,8 +14,7 @@ from pepper_kin.file_access.atomic_file import PathName
 from pepper_kin.file_access.reading import is_real_text, read_bytes, read_text
 from pepper_kin.files.choregraphe_xml import Element, attribute, number, parse
 from pepper_kin.model.joint_vectors import as_finite
-from pepper_kin.trajectory.joint_curves import JointCurve
-from pepper_kin.trajectory.key_curve import Handle, Key
+from pepper_kin.trajectory.key_curve import Handle, JointCurve, Key
 from pepper_kin.trajectory.timeline import HANDS, Timeline
 
 # How NAOqi numbers the kinds; Choregraphe exports 3 for handles that it computed itself.

@@ -17,7 +17,7 @@ from pepper_kin.files.table_file import numbers_of, read_lines
 from pepper_kin.model.joint_vectors import as_finite, check_choice, check_positive
 from pepper_kin.plugins import plugins
 from pepper_kin.trajectory.interpolation import INTERPOLATIONS, OVERSHOOT, from_positions
-from pepper_kin.trajectory.quantities import UNITS
+from pepper_kin.trajectory.samples import UNITS
 from pepper_kin.trajectory.trajectory import Trajectory
 
 if TYPE_CHECKING:

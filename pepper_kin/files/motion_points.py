@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from pepper_kin.arrays import Array
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.files.sampled_motion import through_points
 from pepper_kin.model import PepperModel
-from pepper_kin.trajectory.sampling import State, sample_times
-from pepper_kin.trajectory.through_points import through_points
+from pepper_kin.trajectory.samples import State, sample_times
 from pepper_kin.trajectory.trajectory import Trajectory
 
 Nanoseconds = NDArray[np.int64]

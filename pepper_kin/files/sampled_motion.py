@@ -11,7 +11,8 @@ from pepper_kin.exceptions import FileFormatError, InvalidValueError, shortened
 from pepper_kin.file_access.atomic_file import PathName
 from pepper_kin.file_access.reading import is_real_text
 from pepper_kin.model import PepperModel
-from pepper_kin.trajectory.through_points import through_points
+from pepper_kin.trajectory.interpolation import cubic_pieces
+from pepper_kin.trajectory.samples import Samples
 from pepper_kin.trajectory.trajectory import Trajectory
 
 
@@ -89,3 +90,33 @@ def check_times(path: PathName, time: Array, line_of: Callable[[int], int | None
         i = int(falling[0]) + 1
         reason = f"time {float(time[i])!r} s does not come after {float(time[i - 1])!r} s of the point before"
         raise FileFormatError(path, reason, line_of(i))
+
+
+def through_points(
+    names: tuple[str, ...],
+    units: tuple[str, ...],
+    time: Array,
+    position: Array,
+    velocity: Array | None = None,
+    acceleration: Array | None = None,
+) -> Trajectory:
+    """Return the trajectory through points, by as much as is known of them.
+
+    Args:
+        names: Joints.
+        units: Of the joints.
+        time: Rising from 0 [s], shape (T,).
+        position: [rad or m], shape (T, n).
+        velocity: [rad/s or m/s], shape (T, n), or None: the cubic spline that starts and ends at rest.
+        acceleration: [rad/s^2 or m/s^2], shape (T, n), or None: cubic pieces through the velocities.
+
+    Returns:
+        The trajectory; of degree 5 where all three are known.
+
+    Raises:
+        InvalidValueError: for points so near in time, or so far apart, that the polynomials overflow.
+    """
+    if velocity is not None and acceleration is not None:
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            return Samples(names, time, position, velocity, acceleration, units).to_trajectory()
+    return Trajectory(names, time, cubic_pieces(time, position, velocity), units)

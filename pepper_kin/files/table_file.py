@@ -19,7 +19,7 @@ from pepper_kin.file_access.reading import read_json, read_text, repeated
 from pepper_kin.files.parquet_table import read_columns, write_columns
 from pepper_kin.model.joint_vectors import as_finite
 from pepper_kin.model.plain_number import plain_number
-from pepper_kin.trajectory.quantities import UNITS, unit_of
+from pepper_kin.trajectory.samples import UNITS, unit_of
 
 TIME = "time"
 COLUMNS_FILE = "columns.json"
@@ -32,7 +32,7 @@ def save_table(
     """Write columns over time as CSV, and explain them in `columns.json` beside it; or as Parquet.
 
     The first line names the columns: `time` [s], then `<joint>.<quantity>` with a quantity of
-    `pepper_kin.trajectory.quantities.UNITS`.  Numbers are written so that reading gives the same floats.
+    `pepper_kin.trajectory.samples.UNITS`.  Numbers are written so that reading gives the same floats.
     `columns.json` maps each column to {"unit", "quantity", "joint"}; tables in one folder share it.  Both
     files are replaced in one step each, so that no half of one is ever seen.  A file .parquet has the same
     columns and explains them itself.

@@ -14,6 +14,8 @@ Key = TypeVar("Key")
 Value = TypeVar("Value")
 Arguments = ParamSpec("Arguments")
 
+_NOTHING: dict[Any, Any] = {}
+
 
 def robot_digest(pepper: PepperModel) -> str:
     """Return a hash of the URDF text, and of the model that `with_pinocchio_model` has put in its place."""
@@ -55,7 +57,9 @@ def kept_for_robot(
 
         @wraps(build)
         def call(pepper: PepperModel, *arguments: Hashable) -> Value:
-            known = memory.of(pepper)
+            known = getattr(pepper, "kept", _NOTHING).get(memory)
+            if known is None:  # a first call, or no robot, which `of` refuses
+                known = memory.of(pepper)
             with lock:
                 if arguments in known:
                     known.move_to_end(arguments)

@@ -5,26 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import chain
-from typing import Any, NamedTuple, TypeAlias, TypeGuard
+from typing import NamedTuple, TypeAlias, TypeGuard
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from pepper_kin.arrays import Array
-from pepper_kin.collision import Scene
 from pepper_kin.ik import IKResult, Task, TaskGroup
 from pepper_kin.ik.problem import flatten_tasks
 from pepper_kin.kernels.working_time import working_time
-from pepper_kin.model import PepperModel
 from pepper_kin.motion.goal_search import TaskGoals, clear_goals
 from pepper_kin.motion.goals import ends_of
-from pepper_kin.motion.plan_request import (
-    PlanOptions,
-    PlanRequest,
-    are_known_to_fast,
-    are_tasks,
-    plan_request,
-)
+from pepper_kin.motion.plan_request import CheckedRequest, PlanRequest, are_known_to_fast, are_tasks
 from pepper_kin.motion.plan_result import Plan, PlanStatus
 
 TOGETHER = 2
@@ -33,7 +24,6 @@ TOGETHER = 2
 _SOON, _LEAST_TIME = 1e-3, 2e-3  # [s]
 
 Alternatives: TypeAlias = Sequence[Sequence[Task | TaskGroup]]
-Search: TypeAlias = Callable[[PepperModel, ArrayLike, Any, Scene | None, PlanOptions], Plan]
 
 
 class _Goal(NamedTuple):
@@ -49,14 +39,7 @@ def are_alternatives(goal: object) -> TypeGuard[Alternatives]:
     return isinstance(goal, Sequence) and len(goal) > 0 and all(are_tasks(one) for one in goal)
 
 
-def plan_to_any(
-    pepper: PepperModel,
-    start: ArrayLike,
-    alternatives: Alternatives,
-    scene: Scene | None,
-    options: PlanOptions,
-    search: Search,
-) -> Plan:
+def plan_to_any(asked: PlanRequest, search: Callable[[PlanRequest], Plan]) -> Plan:
     """Plan to the alternative to which a path is found first.
 
     The alternatives are tried from that on which the start is nearest to meeting, each for a millisecond,
@@ -64,24 +47,20 @@ def plan_to_any(
     of the configurations is searched.  Where there is none, the others are tried for longer.
 
     Args:
-        pepper: The robot.
-        start: Where the motion starts, shape (n,).
-        alternatives: Lists of IK tasks, each a goal by itself.
-        scene: The world around the robot.
-        options: What was asked for.
+        asked: What was asked for, whose goal is lists of IK tasks, each a goal by itself.
         search: Plans to configurations.
 
     Returns:
         The plan, with the number of its alternative; where there is none, the last that failed, one whose
         tasks were met if there is any.
     """
-    still = replace(options, start_velocity=None)
-    requests = [plan_request(pepper, start, list(tasks), scene, still) for tasks in alternatives]
+    still, alternatives, timeout = asked.with_options(start_velocity=None), asked.goal, asked.options.timeout
+    requests = [replace(still, goal=list(tasks)).checked() for tasks in alternatives]
     order = np.argsort([_farness(request) for request in requests], kind="stable").tolist()
     begin, failed, hard = requests[0].ended.begin, list[Plan](), list[int]()
 
     def left() -> float:
-        return begin + options.timeout - working_time()
+        return begin + timeout - working_time()
 
     def soon() -> Iterator[_Goal]:
         for number in order:
@@ -95,8 +74,8 @@ def plan_to_any(
         for count, number in enumerate(hard):
             if left() <= _LEAST_TIME:
                 return
-            share = replace(still, timeout=left() / (2 * (len(hard) - count)))
-            ends = ends_of(plan_request(pepper, start, list(alternatives[number]), scene, share))
+            share = still.with_options(timeout=left() / (2 * (len(hard) - count)))
+            ends = ends_of(replace(share, goal=list(alternatives[number])).checked())
             if not isinstance(ends, Plan):
                 yield _Goal(number, ends.goals, ends.ik)
             elif ends.success:  # the start is this goal
@@ -106,7 +85,7 @@ def plan_to_any(
 
     for goals in chain(_together(soon()), _together(later())):
         rows = np.concatenate([goal.configurations for goal in goals])
-        found = search(pepper, start, rows, scene, replace(options, timeout=max(left(), _LEAST_TIME)))
+        found = search(replace(asked.with_options(timeout=max(left(), _LEAST_TIME)), goal=rows))
         if found.success:
             return _named(replace(found, time=working_time() - begin), goals, len(alternatives))
         failed.append(found)
@@ -117,14 +96,14 @@ def plan_to_any(
     return replace(last, message=message, time=working_time() - begin)
 
 
-def _farness(request: PlanRequest) -> float:
+def _farness(request: CheckedRequest) -> float:
     """Return how far the start is from meeting an alternative, in its tasks' own units."""
     parts = flatten_tasks(request.checks.pepper, request.goal)
     errors = [part.residual(request.checks.pepper, request.start) for part in parts]
     return float(np.linalg.norm(np.concatenate(errors)))
 
 
-def _at_once(request: PlanRequest) -> TaskGoals | None:
+def _at_once(request: CheckedRequest) -> TaskGoals | None:
     """Return what meets an alternative, if that is found soon."""
     options = request.options
     if options.least_margin > 0.0 or not are_known_to_fast(request.checks.pepper, request.goal):

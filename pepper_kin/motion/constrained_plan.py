@@ -24,7 +24,7 @@ from pepper_kin.motion.goals import STAYS, fault_of_start, free_joints, goals_of
 from pepper_kin.motion.margins import falling_problems, narrowest, relaxation_sentence
 from pepper_kin.motion.obstruction import why_no_path
 from pepper_kin.motion.path_costs import Figures, PathCost, PathCosts
-from pepper_kin.motion.plan_request import PlanOptions, PlanRequest, plan_request
+from pepper_kin.motion.plan_request import CheckedRequest, PlanOptions, PlanRequest
 from pepper_kin.motion.plan_result import Plan, PlanStatus
 from pepper_kin.motion.problem import Ends, PathProblem
 from pepper_kin.trajectory.path import as_cubic_path
@@ -95,18 +95,13 @@ def plan_constrained(
         constraints=constraints, costs=costs, joints=joints, margin=margin, least_margin=least_margin,
         seed=seed, timeout=timeout, balance=balance, torque_scale=torque_scale, payload=payload,
     )  # fmt: skip
-    return constrained_path(pepper, start, goal, scene, options)
+    return constrained_path(PlanRequest(pepper, start, goal, scene, options))
 
 
-def constrained_path(
-    pepper: PepperModel,
-    start: ArrayLike,
-    goal: ArrayLike | Sequence[Any],
-    scene: Scene | None,
-    options: PlanOptions,
-) -> Plan:
-    """Return what `plan_constrained` does, from a start [rad or m], shape (n,), to a goal."""
-    request = plan_request(pepper, start, goal, scene, options, PLANNER)
+def constrained_path(asked: PlanRequest) -> Plan:
+    """Return what `plan_constrained` does."""
+    pepper, options = asked.pepper, asked.options
+    request = asked.checked(PLANNER)
     checks, ended, tasks, q_start = request.checks, request.ended, request.constraints, request.start
     fault = _off(pepper, tasks, q_start, "start")
     fault = fault or fault_of_start(checks, q_start, options.least_margin)
@@ -144,7 +139,7 @@ class _Along:
     """From a path on a manifold to the plan that is returned."""
 
     def __init__(
-        self, request: PlanRequest, problem: PathProblem, manifold: planners.ConstraintManifold
+        self, request: CheckedRequest, problem: PathProblem, manifold: planners.ConstraintManifold
     ) -> None:
         self._request, self._problem, self._manifold = request, problem, manifold
         self._seed, self._timeout = request.seed, request.options.timeout / 2

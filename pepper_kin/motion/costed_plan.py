@@ -22,7 +22,7 @@ from pepper_kin.motion.margins import falling_problems, narrowest, relaxation_se
 from pepper_kin.motion.obstruction import why_no_path
 from pepper_kin.motion.path_costs import Figures, PathCost, PathCosts
 from pepper_kin.motion.path_search import PathSearch
-from pepper_kin.motion.plan_request import PlanOptions, plan_request, refuse_what_cannot_drive
+from pepper_kin.motion.plan_request import PlanOptions, PlanRequest, refuse_what_cannot_drive
 from pepper_kin.motion.plan_result import Plan, PlanStatus
 from pepper_kin.motion.problem import PathProblem
 from pepper_kin.motion.waypoints import way_through
@@ -99,18 +99,12 @@ def plan_costed(
         balance=balance, torque_scale=torque_scale, payload=payload,
     )  # fmt: skip
     refuse_what_cannot_drive(pepper, joints, PLANNER, True)
-    return costed_path(pepper, start, goal, scene, options)
+    return costed_path(PlanRequest(pepper, start, goal, scene, options))
 
 
-def costed_path(
-    pepper: PepperModel,
-    start: ArrayLike,
-    goal: ArrayLike | Sequence[Any],
-    scene: Scene | None,
-    options: PlanOptions,
-) -> Plan:
-    """Return what `plan_costed` does, from a start [rad or m], shape (n,), to a goal."""
-    request = plan_request(pepper, start, goal, scene, options)
+def costed_path(asked: PlanRequest) -> Plan:
+    """Return what `plan_costed` does."""
+    request, options = asked.checked(), asked.options
     checks, ended, costs = request.checks, request.ended, request.costs
     assert costs is not None
     ends = ends_of(request)
@@ -131,7 +125,7 @@ def costed_path(
     if path is None or figures is None:
         return ended(PlanStatus.NO_PATH_IN_TIME, NO_SPLINE + narrowest(problem, search.first), **more)
     more["costs"] = costs.along(figures, before)
-    curve = as_cubic_path(pepper, path)
+    curve = as_cubic_path(asked.pepper, path)
     message = words(path, figures, before) + relaxation_sentence(problem, curve, options.margin)
     return ended.solved(checks.exact, path, message, curve, **more)
 

@@ -20,7 +20,7 @@ from pepper_kin.motion.goals import fault_of
 from pepper_kin.motion.margins import falling_problems, narrowest, relaxation_sentence
 from pepper_kin.motion.obstruction import why_no_path
 from pepper_kin.motion.path_search import PathSearch
-from pepper_kin.motion.plan_request import PlanRequest, base_places
+from pepper_kin.motion.plan_request import CheckedRequest, base_places
 from pepper_kin.motion.plan_result import Plan, PlanStatus
 from pepper_kin.motion.problem import COARSE, Ends, PathProblem
 from pepper_kin.planners.smooth import power_basis
@@ -41,7 +41,7 @@ _Outcome: TypeAlias = Callable[[], tuple[PlanStatus, str]]
 _Curve: TypeAlias = tuple[CubicPath | None, int, _Outcome]
 
 
-def plan_drive(request: PlanRequest, ends: Ends) -> Plan:
+def plan_drive(request: CheckedRequest, ends: Ends) -> Plan:
     """Plan to goals that the base has to drive to: with the body held, which moves before, after, or both.
 
     It is held as at the start, as at the goal, at zero, or in a posture that the robot has a name for, the
@@ -155,7 +155,7 @@ def _length(path: CubicPath, base: NDArray[np.int64]) -> float:
 class _Leg(NamedTuple):
     """A drive with the body held, or a motion of the body with the base held; as `plan_drive` says."""
 
-    request: PlanRequest
+    request: CheckedRequest
     begin: Array
     end: Array
     base: NDArray[np.int64]

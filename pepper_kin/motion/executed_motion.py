@@ -9,7 +9,7 @@ import numpy as np
 
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.motion.live_motion import LiveState
-from pepper_kin.trajectory.sampling import TIME_TOLERANCE
+from pepper_kin.trajectory.samples import TIME_TOLERANCE
 from pepper_kin.trajectory.trajectory import Trajectory
 
 

@@ -22,7 +22,7 @@ from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.joint_vectors import as_joint_vectors, full_turns
 from pepper_kin.motion.checks import Checks
 from pepper_kin.motion.goal_search import TaskGoals, clear_goals, load_tasks
-from pepper_kin.motion.plan_request import PlanRequest, are_known_to_fast, are_tasks
+from pepper_kin.motion.plan_request import CheckedRequest, are_known_to_fast, are_tasks
 from pepper_kin.motion.plan_result import Plan, PlanStatus
 from pepper_kin.motion.problem import Ends, check_examined
 from pepper_kin.motion.static_limits import StaticLimits
@@ -67,7 +67,7 @@ def fault_of(
     return PlanStatus.START_TIPS_OVER if start else PlanStatus.GOAL_TIPS_OVER, sentence
 
 
-def ends_of(request: PlanRequest) -> Ends | Plan:
+def ends_of(request: CheckedRequest) -> Ends | Plan:
     """Return the ends of a path; a plan where there can be none, or the start is a goal."""
     checks, start, goal, ended = request.checks, request.start, request.goal, request.ended
     least = request.options.least_margin
@@ -93,7 +93,7 @@ def ends_of(request: PlanRequest) -> Ends | Plan:
     return Ends(start, goals, free, ik, None if found is None or least > 0.0 else found.kept)
 
 
-def _sound(request: PlanRequest) -> Ends | None:
+def _sound(request: CheckedRequest) -> Ends | None:
     """Return the ends of a path to configurations if one call says that none is at fault, else None."""
     checks, start = request.checks, request.start
     goals = candidates_of(checks.pepper, start, request.goal)
@@ -107,7 +107,7 @@ def _sound(request: PlanRequest) -> Ends | None:
     return None if kept is None else Ends(start, goals, free, kept=kept)
 
 
-def _clear_goals(request: PlanRequest, tasks: Sequence[Task]) -> TaskGoals | None:
+def _clear_goals(request: CheckedRequest, tasks: Sequence[Task]) -> TaskGoals | None:
     """Return what `clear_goals` does for tasks in a third of the time that is left."""
     options = request.options
     return clear_goals(
@@ -142,7 +142,7 @@ def candidates_of(pepper: PepperModel, start: Array, goal: Any) -> Array:
     return candidates.reshape(-1, pepper.n)
 
 
-def goals_of(request: PlanRequest, *, tried: bool = False) -> _Goals:
+def goals_of(request: CheckedRequest, *, tried: bool = False) -> _Goals:
     """Return the goals that can be ends of a path, or the reason why there is none.
 
     Tasks are solved with the margin to the scene first, and without it where that fails; several solutions
@@ -171,7 +171,7 @@ def _far_enough(
     return far, ik, (PlanStatus.GOAL_TOO_NEAR, near[0])
 
 
-def _goals_of_tasks(request: PlanRequest, tried: bool) -> _Goals:
+def _goals_of_tasks(request: CheckedRequest, tried: bool) -> _Goals:
     """Return what `goals_of` does, for a goal that is tasks."""
     tasks, checks, scene = request.goal, request.checks, request.checks.exact.scene
     more, fast = checks.statics.tasks(), are_known_to_fast(checks.pepper, request.goal)

@@ -31,10 +31,9 @@ from pepper_kin.motion.margins import own_margin
 from pepper_kin.motion.sliced_search import SlicedSearch
 from pepper_kin.status import ResultStatus
 from pepper_kin.trajectory import Stop, Trajectory
-from pepper_kin.trajectory.limit_use import stretch_at_extremes
+from pepper_kin.trajectory.active_limits import stretch_at_extremes
 from pepper_kin.trajectory.limits import motion_limits
-from pepper_kin.trajectory.samples import refuse_other_joints
-from pepper_kin.trajectory.sampling import TIME_TOLERANCE, State
+from pepper_kin.trajectory.samples import TIME_TOLERANCE, State, refuse_other_joints
 from pepper_kin.trajectory.stop import limits_of, stop_within
 
 COMMITTED = 2

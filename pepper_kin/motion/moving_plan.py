@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from pepper_kin.arrays import Array, read_only
-from pepper_kin.collision import Scene
 from pepper_kin.collision.loads import loads_of
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, LimitError
 from pepper_kin.kernels.working_time import working_time
@@ -19,7 +17,7 @@ from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vector
 from pepper_kin.model.wheels import BASE_JOINTS
 from pepper_kin.motion.goals import candidates_of, free_joints
-from pepper_kin.motion.plan_request import PlanOptions, PlanRequest, are_tasks, plan_request
+from pepper_kin.motion.plan_request import CheckedRequest, PlanOptions, PlanRequest, are_tasks
 from pepper_kin.motion.plan_result import Plan, PlanStatus, length_of
 from pepper_kin.trajectory import Splice, Trajectory, retime
 from pepper_kin.trajectory.splice import MovingStart
@@ -33,8 +31,6 @@ _WAYS = {
     "joined": "The planned way is joined in motion.",
     "after a stop": "The robot stops first: no way on in motion was found.",
 }
-
-Search: TypeAlias = Callable[[PepperModel, ArrayLike, Any, Scene | None, PlanOptions], Plan]
 
 
 def way_on(
@@ -78,14 +74,7 @@ def _straight(moving: MovingStart, goals: Array, *least: float) -> Splice | None
     return min(ways, key=lambda way: way.trajectory.duration, default=None)
 
 
-def plan_in_motion(
-    pepper: PepperModel,
-    start: ArrayLike,
-    goal: Any,
-    scene: Scene | None,
-    options: PlanOptions,
-    search: Search,
-) -> Plan:
+def plan_in_motion(asked: PlanRequest, search: Callable[[PlanRequest], Plan]) -> Plan:
     """Plan a motion that begins with a velocity; see `plan`.
 
     The robot goes straight on where that keeps half the margin, as curves of plans do; else it joins a
@@ -94,17 +83,14 @@ def plan_in_motion(
     tried.
 
     Args:
-        pepper: The robot.
-        start: Configuration in which it begins [rad or m], shape (n,).
-        goal: As of `plan`.
-        scene: The world around the robot, which stands.
-        options: What was asked for, with `start_velocity`.
+        asked: What was asked for, with `start_velocity`, in a scene that stands.
         search: Plans without velocity.
 
     Raises:
         InvalidValueError: as for `plan`.
         LimitError: as for `plan`.
     """
+    pepper, goal, options = asked.pepper, asked.goal, asked.options
     joints = options.joints
     for name in ("constraints", "costs", "smooth"):
         if getattr(options, name):
@@ -112,7 +98,7 @@ def plan_in_motion(
     if set(pepper.resolve_joints(joints)) & set(BASE_JOINTS):
         allowed = f"joints= without {', '.join(BASE_JOINTS)}"
         raise InvalidValueError("start_velocity", "given, while the base may move", allowed)
-    request = plan_request(pepper, start, goal, scene, options)
+    request = asked.checked()
     velocity, line = _line(pepper, request.start, options)
     goals = np.empty((0, pepper.n)) if are_tasks(goal) else candidates_of(pepper, request.start, goal)
     free = np.union1d(free_joints(pepper, joints, request.start, goals), np.flatnonzero(velocity))
@@ -126,8 +112,8 @@ def plan_in_motion(
 
     def planned(q: Array) -> Plan:
         if not plans:
-            left = replace(options, start_velocity=None, timeout=request.left())
-            plans.append(search(pepper, q, goal, scene, left))
+            still = asked.with_options(start_velocity=None, timeout=request.left())
+            plans.append(search(replace(still, start=q)))
         return plans[0]
 
     why = _no_room(pepper, request.start, velocity)
@@ -178,11 +164,11 @@ def _no_room(pepper: PepperModel, start: Array, velocity: Array) -> str:
     return f"{name} takes {needed[j]:.3g} {unit} to stop, and is {room[j]:.3g} {unit} from its limit."
 
 
-def _since(request: PlanRequest) -> float:
+def _since(request: CheckedRequest) -> float:
     return working_time() - request.ended.begin
 
 
-def _solved(request: PlanRequest, found: Splice, way: Plan | None) -> Plan:
+def _solved(request: CheckedRequest, found: Splice, way: Plan | None) -> Plan:
     """Return the plan of a way that was found, and of the plan that it needed."""
     pepper, scene, motion = request.checks.pepper, request.checks.exact.scene, found.trajectory
     path = read_only(np.concatenate([motion(motion.breaks[:-1]).position, motion.end[None]]))

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cache
-from typing import Any, ClassVar, NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -64,7 +64,6 @@ class PlanOptions:
         payload: Masses held [kg].
         smooth: Whether to make the motion to execute, too.
         start_velocity: With which the motion begins [rad/s or m/s], shape (n,); None: a path from rest.
-        asks_coal: Whether coal decides wherever machine code cannot tell; see `CoalOptions`.
     """
 
     planner: str = "rrt_connect"
@@ -81,7 +80,6 @@ class PlanOptions:
     payload: Mapping[str, float] | None = None
     smooth: bool = False
     start_velocity: ArrayLike | None = None
-    asks_coal: ClassVar[bool] = False
 
     def keywords(self) -> dict[str, Any]:
         """Return the options as keywords of `plan`."""
@@ -93,13 +91,68 @@ class PlanOptions:
         return self.margin, self.least_margin
 
 
-class CoalOptions(PlanOptions):
-    """The same options where coal decides what machine code cannot tell, which takes longer."""
+@dataclass(frozen=True, eq=False)
+class PlanRequest:
+    """A call of planning, as a caller made it.
 
-    asks_coal = True
+    Attributes:
+        pepper: The robot.
+        start: Start configuration [rad or m], shape (n,).
+        goal: Goal configuration, shape (n,), several, shape (m, n), or IK tasks, or lists of them.
+        scene: The world around the robot.
+        options: What else was asked for.
+        asks_coal: Whether coal decides what machine code cannot tell, which takes longer.
+    """
+
+    pepper: PepperModel
+    start: ArrayLike
+    goal: Any
+    scene: Scene | None
+    options: PlanOptions
+    asks_coal: bool = False
+
+    def with_options(self, **options: Any) -> PlanRequest:
+        """Return the request with other options."""
+        return replace(self, options=replace(self.options, **options))
+
+    def checked(self, name: str | None = None, now: Callable[[], float] = working_time) -> CheckedRequest:
+        """Check what was asked for, and load the code that it needs.
+
+        Args:
+            name: The planner's name in the plan; None: as in the options.
+            now: The clock of its time budget [s].
+
+        Raises:
+            InvalidValueError: for no robot, a wrong shape, NaN, and an option that is not allowed.
+            LimitError: for a start outside the joint limits, naming the joint.
+            UnknownNameError: for an unknown frame.
+        """
+        pepper, goal, scene, options = self.pepper, self.goal, self.scene, self.options
+        check_robot(pepper)
+        seed = seed_number(options.seed)
+        statics = static_limits(pepper, options.balance, options.payload, scene, options.torque_scale)
+        constraints: tuple[Task, ...] = ()
+        if options.constraints is not None:
+            constraints = as_constraints(pepper, options.constraints, statics.carrying)
+        costs = None if options.costs is None else PathCosts.of(pepper, options.costs)
+        q_start = checked_start(pepper, self.start, options.margin, options.timeout)
+        checked_least(*options.margins)
+        checks = checks_for(pepper, scene, statics)
+        if self.asks_coal:
+            checks = checks.asking_coal
+        if are_tasks(goal) and statics.carrying:
+            goal = with_loads(flatten_tasks(pepper, cast("Sequence[Task]", goal)), statics.carrying)
+        if constraints:
+            goal = with_constraints(goal, constraints)
+        load_code_for(
+            checks, goal, "constraints" if constraints else options.planner if costs is None else "costs"
+        )
+        kept = options.balance, options.torque_scale
+        ended = Ending(pepper, now(), seed, name or options.planner, options.margin, kept)
+        return CheckedRequest(checks, q_start, goal, options, seed, constraints, costs, ended, now)
 
 
-class PlanRequest(NamedTuple):
+class CheckedRequest(NamedTuple):
     """A call of planning whose arguments have been checked.
 
     Attributes:
@@ -133,55 +186,6 @@ class PlanRequest(NamedTuple):
     def left(self, share: float = 1.0) -> float:
         """Return what is left of a share of the time budget [s], above zero."""
         return max(self.ended.begin + share * self.options.timeout - self.now(), 1e-3)
-
-
-def plan_request(
-    pepper: PepperModel,
-    start: ArrayLike,
-    goal: ArrayLike | Sequence[Any],
-    scene: Scene | None,
-    options: PlanOptions,
-    name: str | None = None,
-    now: Callable[[], float] = working_time,
-) -> PlanRequest:
-    """Check what was asked for, and load the code that it needs.
-
-    Args:
-        pepper: The robot.
-        start: Start configuration [rad or m], shape (n,).
-        goal: Goal configuration, shape (n,), several, shape (m, n), or IK tasks.
-        scene: The world around the robot.
-        options: What was asked for.
-        name: The planner's name in the plan; None: as in the options.
-        now: The clock of its time budget [s].
-
-    Raises:
-        InvalidValueError: for no robot, a wrong shape, NaN, and an option that is not allowed.
-        LimitError: for a start outside the joint limits, naming the joint.
-        UnknownNameError: for an unknown frame.
-    """
-    check_robot(pepper)
-    seed = seed_number(options.seed)
-    statics = static_limits(pepper, options.balance, options.payload, scene, options.torque_scale)
-    constraints: tuple[Task, ...] = ()
-    if options.constraints is not None:
-        constraints = as_constraints(pepper, options.constraints, statics.carrying)
-    costs = None if options.costs is None else PathCosts.of(pepper, options.costs)
-    q_start = checked_start(pepper, start, options.margin, options.timeout)
-    checked_least(*options.margins)
-    checks = checks_for(pepper, scene, statics)
-    if options.asks_coal:
-        checks = checks.asking_coal
-    if are_tasks(goal) and statics.carrying:
-        goal = with_loads(flatten_tasks(pepper, cast("Sequence[Task]", goal)), statics.carrying)
-    if constraints:
-        goal = with_constraints(goal, constraints)
-    load_code_for(
-        checks, goal, "constraints" if constraints else options.planner if costs is None else "costs"
-    )
-    kept = options.balance, options.torque_scale
-    ended = Ending(pepper, now(), seed, name or options.planner, options.margin, kept)
-    return PlanRequest(checks, q_start, goal, options, seed, constraints, costs, ended, now)
 
 
 @kept_for_robot(most=64)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -17,7 +17,7 @@ from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.kernels.working_time import working_time
 from pepper_kin.model import PepperModel
 from pepper_kin.model.requirements import Balance, TorqueScale
-from pepper_kin.motion.alternative_goals import Search, are_alternatives, plan_to_any
+from pepper_kin.motion.alternative_goals import are_alternatives, plan_to_any
 from pepper_kin.motion.constrained_plan import constrained_path
 from pepper_kin.motion.costed_plan import costed_path
 from pepper_kin.motion.driving import plan_drive
@@ -28,11 +28,10 @@ from pepper_kin.motion.obstruction import why_no_path
 from pepper_kin.motion.path_costs import PathCost
 from pepper_kin.motion.path_search import LEAST_GAIN, SHORTCUTS, PathSearch, compared
 from pepper_kin.motion.plan_request import (
-    CoalOptions,
+    CheckedRequest,
     PlanOptions,
     PlanRequest,
     moves_base,
-    plan_request,
     refuse_what_cannot_drive,
 )
 from pepper_kin.motion.plan_result import Plan, PlanStatus
@@ -134,49 +133,40 @@ def plan(
         least_margin=least_margin, seed=seed, timeout=timeout, gap=gap, balance=balance,
         torque_scale=torque_scale, payload=payload, smooth=smooth, start_velocity=start_velocity,
     )  # fmt: skip
-    search = _free_path if not guided else costed_path if constraints is None else constrained_path
-    if start_velocity is not None:
-        search = partial(plan_in_motion, search=_free_path)
-    search = partial(_told_by_coal, search)
     if isinstance(goal, (Task, TaskGroup)):
         goal = [goal]
-    if are_alternatives(goal):
-        found = plan_to_any(pepper, start, goal, scene, options, search)
-    else:
-        found = search(pepper, start, goal, scene, options)
+    request = PlanRequest(pepper, start, goal, scene, options)
+    found = plan_to_any(request, _planned) if are_alternatives(goal) else _planned(request)
     return smoothed(pepper, found, scene, options) if smooth else found
 
 
-def _told_by_coal(
-    search: Search,
-    pepper: PepperModel,
-    start: ArrayLike,
-    goal: ArrayLike | Sequence[Any],
-    scene: Scene | None,
-    options: PlanOptions,
-) -> Plan:
+def _planned(asked: PlanRequest) -> Plan:
     """Plan, and again with coal where a search took an end, which is free, for one in contact; see `plan`."""
-    found = search(pepper, start, goal, scene, options)
+    way = WAYS[_kind_of(asked.options)]
+    found = way(asked)
     ends = planners.Status.START_INVALID, planners.Status.GOAL_INVALID
     if found.success or found.search is None or found.search.status not in ends:
         return found
-    return search(pepper, start, goal, scene, CoalOptions(**options.keywords()))
+    return way(replace(asked, asks_coal=True))
 
 
-def _free_path(
-    pepper: PepperModel,
-    start: ArrayLike,
-    goal: ArrayLike | Sequence[Any],
-    scene: Scene | None,
-    options: PlanOptions,
-) -> Plan:
-    """Plan without constraints and costs, from a start [rad or m], shape (n,), to a goal; see `plan`."""
-    request = plan_request(pepper, start, goal, scene, options)
+def _kind_of(options: PlanOptions) -> str:
+    """Return what a plan is guided by, of `WAYS`."""
+    if options.start_velocity is not None:
+        return "velocity"
+    if options.constraints is not None:
+        return "constraints"
+    return "nothing" if options.costs is None else "costs"
+
+
+def _free_path(asked: PlanRequest) -> Plan:
+    """Plan without constraints and costs; see `plan`."""
+    request = asked.checked()
     checks, ended = request.checks, request.ended
     ends = ends_of(request)
     if isinstance(ends, Plan):
         return ends
-    if moves_base(pepper, ends.free):
+    if moves_base(asked.pepper, ends.free):
         made = plan_drive(request, ends)
         return made if ends.ik is None else replace(made, ik=ends.ik)
     problem, result, way, states = whole(path_found(request, ends))
@@ -187,10 +177,19 @@ def _free_path(
     if way is None:
         return ended(PlanStatus.NO_PATH_IN_TIME, NO_SPLINE + narrowest(problem, result.path), **more)
     message = f"Path of {len(way.points)} way-points.{_how_short(result)}"
-    message += relaxation_sentence(problem, way.curve, options.margin)
-    if is_left_empty(scene):
+    message += relaxation_sentence(problem, way.curve, asked.options.margin)
+    if is_left_empty(asked.scene):
         message += f" {LEFT_EMPTY}"
     return ended.solved(checks.exact, way.points, message, way.curve, **more)
+
+
+WAYS: dict[str, Callable[[PlanRequest], Plan]] = {
+    "nothing": _free_path,
+    "costs": costed_path,
+    "constraints": constrained_path,
+    "velocity": partial(plan_in_motion, search=_free_path),
+}
+"""What a plan is guided by -> the way that plans it."""
 
 
 class PathFound(NamedTuple):
@@ -209,7 +208,7 @@ class PathFound(NamedTuple):
     states: int
 
 
-def path_found(request: PlanRequest, ends: Ends, clock: PausedClock | None = None) -> Slices[PathFound]:
+def path_found(request: CheckedRequest, ends: Ends, clock: PausedClock | None = None) -> Slices[PathFound]:
     """Search at falling margins, with pauses where a clock says so and the planner is "rrt_connect".
 
     What was searched coarsely is searched again, closely, where its spline turns out to touch something.

@@ -12,7 +12,7 @@ from pepper_kin.exceptions import PepperKinError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.wheels import BASE_JOINTS
 from pepper_kin.motion.goals import ends_of
-from pepper_kin.motion.plan_request import PlanOptions, moves_base, plan_request
+from pepper_kin.motion.plan_request import PlanOptions, PlanRequest, moves_base
 from pepper_kin.motion.plan_result import Plan
 from pepper_kin.motion.planning import path_found
 from pepper_kin.planners.deadline import PausedClock, Slices
@@ -78,7 +78,7 @@ class SlicedSearch:
             torque_scale=self._limits["torque_scale"],
         )  # fmt: skip
         try:
-            request = plan_request(self._pepper, start, goal, scene, options, now=self._clock.now)
+            request = PlanRequest(self._pepper, start, goal, scene, options).checked(now=self._clock.now)
             if not request.checks.free(np.stack([start, goal])).all():
                 return None  # `ends_of` would look for the reason, for long
             ends = ends_of(request)

@@ -22,7 +22,7 @@ from pepper_kin.motion.static_limits import ROOM_ALONG, static_limits
 from pepper_kin.status import ResultStatus
 from pepper_kin.trajectory import Trajectory
 from pepper_kin.trajectory.balance import balance_margin, support_polygon
-from pepper_kin.trajectory.sampling import State
+from pepper_kin.trajectory.samples import State
 
 TOLERANCE = 1e-7
 """Of a limit, for rounding."""

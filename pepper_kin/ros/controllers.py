@@ -24,7 +24,7 @@ from pepper_kin.ros.live_goals import LiveGoal
 from pepper_kin.ros.message_parts import duration_message, header
 from pepper_kin.ros.transport import ActionServer, ServerGoal
 from pepper_kin.ros_messages import message_type
-from pepper_kin.trajectory.sampling import State
+from pepper_kin.trajectory.samples import State
 
 if TYPE_CHECKING:
     from pepper_kin.ros.node import RobotNode

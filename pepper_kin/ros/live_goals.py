@@ -18,7 +18,7 @@ from pepper_kin.naoqi.simulated_time import CYCLE
 from pepper_kin.naoqi.tasks import BodyTask
 from pepper_kin.ros.joint_trajectory import ErrorCode, JointTolerance, TrajectoryRefusedError
 from pepper_kin.trajectory import Trajectory
-from pepper_kin.trajectory.sampling import State
+from pepper_kin.trajectory.samples import State
 
 if TYPE_CHECKING:
     from pepper_kin.naoqi.body import Body

@@ -20,17 +20,13 @@ from pepper_kin.call_errors import name_options
 from pepper_kin.trajectory.active_limits import ActiveLimits, active_limits
 from pepper_kin.trajectory.certificate import Certificate, LimitCheck, ScalarCheck
 from pepper_kin.trajectory.check import check
-from pepper_kin.trajectory.enforce_limits import enforce_limits
-from pepper_kin.trajectory.joint_curves import JointCurve
-from pepper_kin.trajectory.key_curve import Handle, Key
-from pepper_kin.trajectory.limit_violations import LimitViolation, find_limit_violations
+from pepper_kin.trajectory.enforce_limits import LimitViolation, enforce_limits, find_limit_violations
+from pepper_kin.trajectory.key_curve import Handle, JointCurve, Key
 from pepper_kin.trajectory.motion_plots import plot_motions
 from pepper_kin.trajectory.online import OnlineMotion
-from pepper_kin.trajectory.phase_plane import PhasePlane, phase_plane
-from pepper_kin.trajectory.plot import plot
+from pepper_kin.trajectory.plot import PhasePlane, phase_plane, plot
 from pepper_kin.trajectory.retiming import retime
-from pepper_kin.trajectory.samples import Samples
-from pepper_kin.trajectory.sampling import State
+from pepper_kin.trajectory.samples import Samples, State
 from pepper_kin.trajectory.splice import Splice
 from pepper_kin.trajectory.stop import Stop
 from pepper_kin.trajectory.timeline import ImportedMotion, Timeline, import_timeline

@@ -1,17 +1,23 @@
-"""Balance margin: the zero-moment point against the triangle of the wheels."""
+"""What the wheels allow: balance over their triangle, their speeds and accelerations, the base's speed."""
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass, replace
+
 import numpy as np
 
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, read_only
 from pepper_kin.collision.loads import carrying, load_wrench
 from pepper_kin.dynamics import base_wrench
 from pepper_kin.dynamics.load import Loads
 from pepper_kin.dynamics.support_polygon import inward_normals
 from pepper_kin.dynamics.support_polygon import support_polygon as support_polygon
-from pepper_kin.model import PepperModel
+from pepper_kin.kinematics.base_geometry import pepper_base
+from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.wheels import BASE_JOINTS
+
+_DIRECTIONS = 8  # along which a base whose wheels are unknown is limited, within half a turn
 
 
 def edge_moments(
@@ -111,3 +117,111 @@ def _moments(pepper: PepperModel, polygon: Array, q: Array, wrench: Array, margi
         wrench = wrench.copy()
         wrench[..., 3], wrench[..., 4] = cosine * n_x + sine * n_y, cosine * n_y - sine * n_x
     return np.einsum("...i,ik->...k", wrench, moment_matrix(polygon, margin))
+
+
+@dataclass(frozen=True, eq=False)
+class WheelLimits:
+    """Limits of a planar base, of which the twist is (v_x, v_y, omega) in its own axes [m/s, m/s, rad/s].
+
+    With a wheel's row w of `rows`, |w . twist| <= speed and |w . d(twist)/dt| <= acceleration, and
+    |v| + lever |omega| <= base_speed.  The joints of the base are its place in the world, so that the twist
+    is turned back by the yaw: v = R(-yaw) (dx/dt, dy/dt), dv/dt = R(-yaw) (d2x/dt2, d2y/dt2) - omega x v.
+
+    Attributes:
+        places: Of x, y and yaw among the joints, shape (3,).
+        names: Of the rows.
+        rows: From the twist to the wheels' speeds, shape (k, 3) [rad/m and 1, or 1 and m].
+        speed: Greatest speed of a wheel [rad/s; m/s of the rim for wheels whose radius is unknown].
+        acceleration: Greatest acceleration of a wheel [rad/s^2 or m/s^2].
+        base_speed: Greatest speed of the base [m/s].
+        lever: What turning adds to the base's speed [m].
+        unit: "rad" or "m".
+    """
+
+    places: tuple[int, int, int]
+    names: tuple[str, ...]
+    rows: Array
+    speed: float
+    acceleration: float
+    base_speed: float
+    lever: float
+    unit: str
+
+    def scaled(self, speed: float, acceleration: float) -> WheelLimits:
+        """Return the limits of which shares are used."""
+        return replace(
+            self,
+            speed=self.speed * speed,
+            acceleration=self.acceleration * acceleration,
+            base_speed=self.base_speed * speed,
+        )
+
+    @property
+    def speed_count(self) -> int:
+        """Number of speeds that are limited: those of the wheels and of the base."""
+        return len(self.rows) + 1
+
+    def speeds(self, q: Array, v: Array) -> Array:
+        """Return the speeds of the wheels, shape (T, k), of states of shape (T, n)."""
+        return np.asarray(self._twist(q, v) @ self.rows.T)
+
+    def base_speeds(self, q: Array, v: Array) -> Array:
+        """Return |v| + lever |omega| [m/s], shape (T,)."""
+        twist = self._twist(q, v)
+        return np.asarray(np.hypot(twist[:, 0], twist[:, 1]) + self.lever * np.abs(twist[:, 2]))
+
+    def shares(self, q: Array, v: Array) -> Array:
+        """Return the shares of the limits that speeds of wheels and base use, shape (T, k + 1)."""
+        wheels = np.abs(self.speeds(q, v)) / self.speed
+        return np.column_stack([wheels, self.base_speeds(q, v) / self.base_speed])
+
+    def accelerations(self, q: Array, v: Array, a: Array) -> Array:
+        """Return the accelerations of the wheels, shape (T, k), of states of shape (T, n)."""
+        twist, change = self._twist(q, v), self._twist(q, a)
+        omega = twist[:, 2]
+        change[:, 0] += omega * twist[:, 1]
+        change[:, 1] -= omega * twist[:, 0]
+        return np.asarray(change @ self.rows.T)
+
+    def _twist(self, q: Array, v: Array) -> Array:
+        """Return velocities in the base's own axes, shape (T, 3)."""
+        x, y, yaw = self.places
+        cosine, sine = np.cos(q[:, yaw]), np.sin(q[:, yaw])
+        return np.stack(
+            [cosine * v[:, x] + sine * v[:, y], cosine * v[:, y] - sine * v[:, x], v[:, yaw]], axis=1
+        )
+
+
+@kept_for_robot(most=1)
+def wheel_limits(pepper: PepperModel) -> WheelLimits | None:
+    """Return the limits of the wheels of a planar base; None for other robots, and where none are known.
+
+    Pepper's wheels are those of `pepper_base(fastest=True)`: 6.28 rad/s, which is 0.44 m/s at the rim, and
+    at the rim the maker's greatest acceleration of the base.  Of a base with `Wheels(speed, acceleration,
+    track)` the rims are somewhere at half the track: |v| + track / 2 |omega| <= speed, and the same of
+    accelerations along eight directions, within a polygon that lies inside that bound.
+    """
+    if not set(BASE_JOINTS) <= set(pepper.joint_names):
+        return None
+    x, y, yaw = (pepper.joint_index(joint) for joint in BASE_JOINTS)
+    known = pepper.wheels
+    if known is not None:
+        if known.differential:
+            return None
+        half = known.track / 2
+        angle = np.pi / _DIRECTIONS * np.arange(_DIRECTIONS)
+        along = np.repeat(np.stack([np.cos(angle), np.sin(angle)], axis=1), 2, axis=0)
+        rows = np.column_stack([along, np.tile([half, -half], _DIRECTIONS)])
+        names = tuple(f"a wheel that rolls at {math.degrees(part):.3g} degrees" for part in angle)
+        inside = math.cos(np.pi / (2 * _DIRECTIONS))
+        return WheelLimits(
+            (x, y, yaw), tuple(name for name in names for _ in range(2)), read_only(rows), known.speed,
+            known.acceleration * inside, known.speed, half, "m",
+        )  # fmt: skip
+    base = pepper_base(fastest=True)
+    if not {f"{name}_link" for name in base.wheel_names} <= set(pepper.frame_names):
+        return None
+    return WheelLimits(
+        (x, y, yaw), base.wheel_names, read_only(base.wheel_map), base.wheel_speed_limit,
+        base.linear_acceleration / base.wheel_radius, base.wheel_speed_limit * base.wheel_radius, 0.0, "rad",
+    )  # fmt: skip

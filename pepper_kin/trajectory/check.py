@@ -20,24 +20,22 @@ from pepper_kin.dynamics.support_polygon import checked_balance
 from pepper_kin.model import PepperModel
 from pepper_kin.model.at_frames import AtFrames
 from pepper_kin.model.requirements import Balance, TorqueScale
-from pepper_kin.trajectory.balance import floor_wrench, margin_of_wrench, support_polygon
+from pepper_kin.trajectory.balance import WheelLimits, floor_wrench, margin_of_wrench, support_polygon
 from pepper_kin.trajectory.certificate import Certificate, LimitCheck, ScalarCheck
-from pepper_kin.trajectory.clearance_bound import Pieces, proven_clearance
 from pepper_kin.trajectory.examined_states import (
     ALLOWANCE,
     RELATIVE_TOLERANCE,
     Examined,
+    Pieces,
     derivatives,
     examined_states,
+    extremes_of,
+    proven_clearance,
 )
-from pepper_kin.trajectory.extremes import extremes_of
 from pepper_kin.trajectory.limits import JerkLike, MotionLimits, jerk_limits, motion_limits, wheel_speeds
 from pepper_kin.trajectory.path import LIMIT_TOLERANCE
-from pepper_kin.trajectory.quantities import unit_of
-from pepper_kin.trajectory.samples import refuse_other_joints
-from pepper_kin.trajectory.sampling import State, sample_times
+from pepper_kin.trajectory.samples import State, refuse_other_joints, sample_times, unit_of
 from pepper_kin.trajectory.stop import JUMP_TOLERANCE
-from pepper_kin.trajectory.wheels import WheelLimits
 
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene
@@ -69,10 +67,10 @@ def check(
     """Examine a trajectory: polynomials at their extremes, all else closely and with bounds between.
 
     Position, velocity, acceleration and jerk are compared with the robot's limits where they are extreme,
-    wherever that is (`pepper_kin.trajectory.extremes`).  Torques are computed by
+    wherever that is (`pepper_kin.trajectory.examined_states`).  Torques are computed by
     `pepper_kin.dynamics.newton_euler`, like balance and the speeds of hands and wheels, every millisecond and
     on both sides of every knot; what each may be worse by in between is proven and stated as `resolution`
-    (`pepper_kin.trajectory.rate_bounds`), and counts: a bound may be 0.1 % of a torque's or speed's limit
+    (`pepper_kin.trajectory.examined_states`), and counts: a bound may be 0.1 % of a torque's or speed's limit
     beyond it, and lack 0.1 mm of balance.  Where a millisecond is too long to prove that, parts of it down to
     a sixteenth are looked at.  Nothing of this shares code with the core that times trajectories.
     Positions and velocities (and accelerations, where jerk is limited) must be continuous at knots; the

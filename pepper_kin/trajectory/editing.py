@@ -12,8 +12,7 @@ from pepper_kin.arrays import Array, read_only
 from pepper_kin.core.splines import cut_out, shifted
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model.joint_vectors import as_real, check_positive, shown
-from pepper_kin.trajectory.samples import known
-from pepper_kin.trajectory.sampling import TIME_TOLERANCE
+from pepper_kin.trajectory.samples import TIME_TOLERANCE, known
 
 if TYPE_CHECKING:
     from pepper_kin.trajectory.trajectory import Trajectory
@@ -87,9 +86,10 @@ def _check_meeting(first: Trajectory, second: Trajectory) -> None:
         raise InvalidValueError(
             "joints of the second trajectory", ", ".join(second.joint_names), ", ".join(first.joint_names)
         )
+    last = first(first.duration)
     for what, ours, theirs in (
-        ("position", first.end, second.start),
-        ("velocity", first(first.duration).velocity, second(0.0).velocity),
+        ("position", last.position, second.start),
+        ("velocity", last.velocity, second(0.0).velocity),
     ):
         gap = np.abs(ours - theirs)
         if gap.max() > _MEET:

@@ -32,14 +32,12 @@ from pepper_kin.core.timing.joining import next_way
 from pepper_kin.core.timing.rate_program import fastest_rate
 from pepper_kin.exceptions import InfeasibleError
 from pepper_kin.model import PepperModel
-from pepper_kin.trajectory.extremes import extremes_of
-from pepper_kin.trajectory.jerk_rows import rate_program, to_powers
-from pepper_kin.trajectory.limit_use import measure_use, stretch_at_extremes
+from pepper_kin.trajectory.active_limits import measure_use, stretch_at_extremes
+from pepper_kin.trajectory.examined_states import extremes_of
 from pepper_kin.trajectory.limits import Limits
 from pepper_kin.trajectory.path import LIMIT_TOLERANCE, CubicPath
-from pepper_kin.trajectory.samples import Samples
-from pepper_kin.trajectory.sampling import sample_times
-from pepper_kin.trajectory.smooth_time import SmoothTime, smooth_time
+from pepper_kin.trajectory.samples import Samples, sample_times
+from pepper_kin.trajectory.smooth_time import SmoothTime, rate_program, smooth_time, to_powers
 from pepper_kin.trajectory.time_optimal import refuse_long
 from pepper_kin.trajectory.trajectory import Trajectory
 

@@ -1,19 +1,32 @@
-"""One joint's keys and handles as cubic pieces of time."""
+"""Keys and handles as cubic pieces of time: of one joint, of all on common knots, and key frames."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.arrays import Array
+from pepper_kin.core.splines import shifted
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.model.joint_vectors import as_real, check_choice
+from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import as_finite, as_real, check_choice, check_within_limits
+
+if TYPE_CHECKING:
+    from pepper_kin.trajectory.trajectory import Trajectory
 
 KINDS = ("bezier", "linear", "constant", "auto")
 _CUTS = 64  # pieces of a Bezier segment whose time is no cubic's
 _THIRD = 1.0 / 3.0
+Part = TypeVar("Part")
+_SAME = 1e-9  # [s] knots of two joints that are nearer are one
+Frame: TypeAlias = str | Mapping[str, ArrayLike] | Sequence[float] | NDArray[np.float64]
+"""A posture's name, joints and groups with their positions, or the positions of all joints."""
 
 
 @dataclass(frozen=True)
@@ -201,3 +214,133 @@ def _limit_slope(x: Array, y: Array, otherwise: float) -> float:
     if abs(y[1] - y[0]) > 1e-12:
         return otherwise  # the curve is upright there
     return float((y[2] - y[0]) / (x[2] - x[0])) if abs(x[2] - x[0]) > 1e-12 else otherwise
+
+
+def checked_parts(quantity: str, parts: Sequence[Part], kind: type[Part]) -> tuple[Part, ...]:
+    """Return keys or curves as a tuple; refuse anything else among them."""
+    found = tuple(parts)
+    for part in found:
+        if not isinstance(part, kind):
+            raise InvalidValueError(quantity, repr(part), f"a {kind.__name__}")
+    return found
+
+
+@dataclass(frozen=True)
+class JointCurve:
+    """The keys of one joint, in order of time.
+
+    Attributes:
+        joint: Name of the joint.
+        keys: One or more.
+    """
+
+    joint: str
+    keys: tuple[Key, ...]
+
+    def __post_init__(self) -> None:
+        """Check the keys.
+
+        Raises:
+            InvalidValueError: naming the joint, for no key, or times that do not increase from 0 or later.
+        """
+        object.__setattr__(self, "keys", checked_parts(f"keys of {self.joint}", self.keys, Key))
+        times = [key.time for key in self.keys]
+        if not times or times[0] < 0 or any(b <= a for a, b in pairwise(times)):
+            raise InvalidValueError(
+                f"times of {self.joint}", times[:8], "one or more increasing times, the first 0 or later"
+            )
+
+
+def on_common_knots(
+    pepper: PepperModel, curves: Sequence[JointCurve], rest: Array, duration: float
+) -> tuple[Array, Array]:
+    """Return knots [s], shape (m + 1,), and coefficients of all joints [rad/s^p], shape (m, 4, n).
+
+    Args:
+        pepper: The robot.
+        curves: Of some of its joints.
+        rest: Where curves come from, and the other joints stay [rad or m], shape (n,).
+        duration: Time of the last knot [s].
+    """
+    segments = {
+        pepper.joint_index(curve.joint): curve_segments(
+            curve.keys, float(rest[pepper.joint_index(curve.joint)]), duration
+        )
+        for curve in curves
+    }
+    knots = _merged([breaks for breaks, _ in segments.values()], duration)
+    coefficients = np.zeros((knots.size - 1, 4, pepper.n))
+    coefficients[:, 0] = rest
+    for j, (breaks, powers) in segments.items():
+        coefficients[:, :, j] = _on(knots, breaks, powers)
+    return knots, coefficients
+
+
+def _merged(all_breaks: list[Array], duration: float) -> Array:
+    """Return the knots of all joints [s], shape (m + 1,), those nearly equal once, from 0 to the duration."""
+    knots = np.unique(np.concatenate([[0.0, duration], *all_breaks]))
+    keep = np.concatenate([[True], np.diff(knots) > _SAME])
+    knots = knots[keep]
+    knots[-1] = duration
+    return knots
+
+
+def _on(knots: Array, breaks: Array, powers: Array) -> Array:
+    """Return the cubic pieces of one joint on finer knots, shape (m, 4)."""
+    middle = (knots[:-1] + knots[1:]) / 2
+    segment = np.clip(np.searchsorted(breaks, middle, side="right") - 1, 0, breaks.size - 2)
+    return shifted(powers[segment][..., None], knots[:-1] - breaks[segment])[..., 0]
+
+
+def from_keyframes(
+    kind: type[Trajectory],
+    pepper: PepperModel,
+    keyframes: Mapping[float, Frame] | Iterable[tuple[float, Frame]],
+    start: str | ArrayLike | None,
+) -> Trajectory:
+    """Return the trajectory of `Trajectory.from_keyframes`, which describes arguments and errors.
+
+    The trajectory is of a `kind`; a start that is not a posture's name has shape (n,) [rad or m].
+    """
+    frames = _in_order(keyframes)
+    keys: dict[str, list[Key]] = {name: [] for name in pepper.joint_names}
+    for time, frame in frames:
+        q = _position(pepper, frame, f"key frame at {time:.6g} s")
+        for name in pepper.resolve_joints(frame) if isinstance(frame, Mapping) else pepper.joint_names:
+            keys[name].append(Key(time, float(q[pepper.joint_index(name)])))
+    curves = tuple(JointCurve(name, tuple(those)) for name, those in keys.items() if those)
+    begin = pepper.neutral() if start is None else _position(pepper, start, "start")
+    knots, coefficients = on_common_knots(pepper, curves, begin, frames[-1][0])
+    return kind(pepper.joint_names, knots, coefficients, pepper.joint_units)
+
+
+def _in_order(keyframes: Any) -> list[tuple[float, Frame]]:
+    allowed = "time [s] -> frame, or pairs of both, with two or more times that increase from 0 or later"
+    try:
+        entries = keyframes.items() if isinstance(keyframes, Mapping) else keyframes
+        pairs = [(time, frame) for time, frame in entries]
+    except (TypeError, ValueError):
+        raise InvalidValueError("key frames", repr(keyframes), allowed) from None
+    times = [float(as_finite(time, "time of a key frame", ())) for time, _ in pairs]
+    if (
+        not times
+        or times[0] < 0
+        or times[-1] == 0
+        or any(after <= before for before, after in pairwise(times))
+    ):
+        raise InvalidValueError("times of key frames", times[:8], allowed)
+    return list(zip(times, (frame for _, frame in pairs), strict=True))
+
+
+def _position(pepper: PepperModel, frame: Any, quantity: str) -> NDArray[np.float64]:
+    """Return the joint vector of a frame; where it does not name a joint, the neutral position."""
+    if isinstance(frame, str):
+        return pepper.posture(frame)
+    if isinstance(frame, Mapping) and not frame:
+        raise InvalidValueError(quantity, "no joint", "a posture, or at least one joint")
+    try:
+        q = pepper.joint_vector(frame)
+    except InvalidValueError as error:
+        raise InvalidValueError(f"{quantity}: {error.quantity}", error.value, error.allowed) from error
+    check_within_limits(pepper, q, quantity)
+    return q

@@ -30,13 +30,14 @@ from pepper_kin.model.joint_vectors import as_numbers, shown
 from pepper_kin.model.requirements import ROBOT, Balance, TorqueScale, checked_share, kept_torque_scale
 from pepper_kin.model.wheels import WHEEL_FRAMES
 from pepper_kin.trajectory.balance import (
+    WheelLimits,
     edge_moments,
     moment_matrix,
     moves_base,
     support_polygon,
+    wheel_limits,
 )
 from pepper_kin.trajectory.path import is_plan
-from pepper_kin.trajectory.wheels import WheelLimits, wheel_limits
 
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene

@@ -23,8 +23,7 @@ from pepper_kin.file_access.picture import (
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import check_positive
 from pepper_kin.trajectory.plot import joints_to_draw
-from pepper_kin.trajectory.quantities import unit_of
-from pepper_kin.trajectory.samples import refuse_other_joints
+from pepper_kin.trajectory.samples import refuse_other_joints, unit_of
 from pepper_kin.trajectory.trajectory import Trajectory
 
 if TYPE_CHECKING:

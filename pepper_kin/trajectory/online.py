@@ -15,11 +15,11 @@ from pepper_kin.model.joint_vectors import (
     check_within_limits,
 )
 from pepper_kin.model.requirements import checked_share
-from pepper_kin.trajectory.jerk_steering import load_ruckig, steer_with_jerk
+from pepper_kin.trajectory.balance import wheel_limits
 from pepper_kin.trajectory.limits import JerkLike, jerk_limits
-from pepper_kin.trajectory.sampling import State
+from pepper_kin.trajectory.samples import State
+from pepper_kin.trajectory.splice import load_ruckig, steer_with_jerk
 from pepper_kin.trajectory.trajectory import Trajectory
-from pepper_kin.trajectory.wheels import wheel_limits
 
 _SAME_TIME = 1e-12  # [s]
 _END = 1e-9  # [s]
@@ -33,7 +33,7 @@ class OnlineMotion:
     """Jerk-limited motion to a target that may be replaced at any time; all joints arrive together.
 
     The motion is time-optimal from state to state within limits on velocity, acceleration and jerk, each
-    joint for itself and then slowed to the slowest (`pepper_kin.trajectory.jerk_steering`).  It knows
+    joint for itself and then slowed to the slowest (`pepper_kin.trajectory.splice`).  It knows
     no obstacles, torques or balance; positions between start and target may leave their limits where the
     robot is already too fast to stop, which `set_target` refuses.  The wheels of a planar base keep their
     limits: where the motion would turn or speed them up too much, the base's joints are given smaller ones,

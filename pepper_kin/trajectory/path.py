@@ -132,7 +132,9 @@ def turning_points(step: Array, coefficients: Array) -> tuple[NDArray[np.int64],
     return segment, joint, found[pair, segment, joint]
 
 
-def as_cubic_path(pepper: PepperModel, path: PathLike) -> CubicPath:
+def as_cubic_path(
+    pepper: PepperModel, path: PathLike, begin: tuple[Array, Array | None] | None = None
+) -> CubicPath:
     """Turn way-points, a piecewise cubic curve or a plan into a `CubicPath` within the position limits.
 
     Way-points are joined by a cubic spline with continuous second derivative over the chord length, with unit
@@ -142,10 +144,16 @@ def as_cubic_path(pepper: PepperModel, path: PathLike) -> CubicPath:
     all way-points are inside follows a monotone cubic spline instead (`_monotone`), which has no overshoot
     and passes way-points with zero second derivative.
 
+    Along the spline of a `begin` a robot in motion can go on: it begins in the direction of the velocity, or
+    of the acceleration from rest.  With both, its second derivative there is such that
+    q' d2s/dt2 + q'' (ds/dt)^2 is the acceleration; another knot in the first interval makes that possible.
+
     Args:
         pepper: The robot.
         path: Way-points [rad or m], shape (k, n), k >= 2; an object with `breaks` and `coefficients` as
             in `PiecewiseCubic`; or a plan, of which the curve is taken.
+        begin: Velocity [rad/s or m/s] and acceleration [rad/s^2 or m/s^2] with which way-points are left,
+            shape (n,) each, one of them not zero; None for no acceleration, or for neither.
 
     Returns:
         The path.
@@ -161,14 +169,17 @@ def as_cubic_path(pepper: PepperModel, path: PathLike) -> CubicPath:
     if type(path) is CubicPath:
         return path if _known_within.get(path) is pepper else _checked(pepper, path)
     if type(path) in (np.ndarray, list) or not isinstance(path, PiecewiseCubic):
-        found = _quick_spline(pepper, path)
+        found = _quick_spline(pepper, path) if begin is None else None
         if found is not None:
             return found
         if not isinstance(path, (np.ndarray, list, tuple)) and np.asarray(path).dtype.kind == "O":
             if getattr(path, "success", None) is False:
                 raise _failed(cast("PlannedPath", path))
             raise InvalidValueError("path", f"a {type(path).__name__}", _ALLOWED)
-        curve = _through_waypoints(pepper, _waypoints(pepper, path))
+        points = _waypoints(pepper, path)
+        if begin is not None:
+            return _checked(pepper, _begun_spline(points, *begin))
+        curve = _through_waypoints(pepper, points)
         check_within_limits(pepper, curve.extremes(), "path", LIMIT_TOLERANCE)
         return curve
     assert isinstance(path, PiecewiseCubic)
@@ -182,36 +193,17 @@ def as_cubic_path(pepper: PepperModel, path: PathLike) -> CubicPath:
     return _checked(pepper, CubicPath(path.breaks, path.coefficients))
 
 
-def as_tangent_path(
-    pepper: PepperModel, path: PathLike, velocity: Array, acceleration: Array | None = None
-) -> tuple[CubicPath, float, float]:
-    """Return a path along which a robot in motion can go on, and ds/dt and d2s/dt2 at its start.
-
-    Way-points are joined by a cubic spline over the chord length that begins in the direction of the
-    velocity, or of the acceleration from rest.  With both, its second derivative there is such that
-    q' d2s/dt2 + q'' (ds/dt)^2 is the acceleration; another knot in the first interval makes that possible.
+def start_rates(curve: CubicPath, velocity: Array, acceleration: Array | None) -> tuple[float, float]:
+    """Return ds/dt and d2s/dt2 with which a motion along a path begins.
 
     Args:
-        pepper: The robot.
-        path: As of `as_cubic_path`.
+        curve: The path.
         velocity: At the start [rad/s or m/s], shape (n,).
         acceleration: At the start [rad/s^2 or m/s^2], shape (n,); None for d2s/dt2 = 0.
 
     Raises:
-        InvalidValueError: for a curve that begins in another direction, or bends otherwise; else as
-            `as_cubic_path`.
+        InvalidValueError: for a curve that begins in another direction, or bends otherwise.
     """
-    curve = as_cubic_path(pepper, path)
-    pushed = np.zeros_like(velocity) if acceleration is None else acceleration
-    along = velocity if velocity.any() else pushed
-    if not along.any():
-        return curve, 0.0, 0.0
-    if not (is_plan(path) or isinstance(path, PiecewiseCubic)):
-        size = float(np.linalg.norm(velocity))
-        direction = along / np.linalg.norm(along)
-        bent = size > 0.0 and acceleration is not None
-        bend = (pushed - direction * (pushed @ direction)) / size**2 if bent else None
-        curve = _checked(pepper, _begun_spline(_waypoints(pepper, path), direction, bend))
     tangent, bend = curve.coefficients[0, 1], 2.0 * curve.coefficients[0, 2]
     square = max(float(tangent @ tangent), 1e-300)
     speed = float(velocity @ tangent) / square
@@ -220,22 +212,27 @@ def as_tangent_path(
         allowed = "a velocity along the beginning of the path; else motion.replan or Trajectory.replaced"
         raise InvalidValueError("start_velocity", np.array2string(velocity, precision=4), allowed)
     if acceleration is None:
-        return curve, speed, 0.0
-    left = pushed - bend * speed**2
+        return speed, 0.0
+    left = acceleration - bend * speed**2
     change = float(left @ tangent) / square
-    if np.abs(left - change * tangent).max() > _ALONG * max(1.0, np.abs(pushed).max()):
+    if np.abs(left - change * tangent).max() > _ALONG * max(1.0, np.abs(acceleration).max()):
         allowed = "one that the path's curvature has at this velocity; else Trajectory.replaced"
-        raise InvalidValueError("start_acceleration", np.array2string(pushed, precision=4), allowed)
-    return curve, speed, change
+        raise InvalidValueError("start_acceleration", np.array2string(acceleration, precision=4), allowed)
+    return speed, change
 
 
-def _begun_spline(points: Array, direction: Array, bend: Array | None) -> CubicPath:
-    """Return the spline through points, shape (k, n), with a first derivative at its start, shape (n,).
+def _begun_spline(points: Array, velocity: Array, acceleration: Array | None) -> CubicPath:
+    """Return the spline of `as_cubic_path` through points, shape (k, n), that begins so, shape (n,) each.
 
-    With a second derivative, too, if one is given: it is linear in the point at another knot.
+    The second derivative at its start is linear in the point at another knot.
     """
     from scipy.interpolate import CubicSpline
 
+    pushed = np.zeros_like(velocity) if acceleration is None else acceleration
+    along, size = velocity if velocity.any() else pushed, float(np.linalg.norm(velocity))
+    direction = along / np.linalg.norm(along)
+    bent = size > 0.0 and acceleration is not None
+    bend = (pushed - direction * (pushed @ direction)) / size**2 if bent else None
     chords = np.diff(points, axis=0)
     lengths = np.linalg.norm(chords, axis=1)
     knots, last = np.append(0.0, np.cumsum(lengths)), (1, chords[-1] / lengths[-1])

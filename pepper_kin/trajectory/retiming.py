@@ -36,8 +36,8 @@ from pepper_kin.model.joint_vectors import as_joint_vector, check_choice, check_
 from pepper_kin.model.missing_limits import LimitsLike, completed_limits
 from pepper_kin.model.requirements import Balance, TorqueScale
 from pepper_kin.model.wheels import BASE_JOINTS
+from pepper_kin.trajectory.active_limits import measure_use
 from pepper_kin.trajectory.editing import joined
-from pepper_kin.trajectory.limit_use import measure_use
 from pepper_kin.trajectory.limits import (
     JerkLike,
     Limits,
@@ -48,10 +48,9 @@ from pepper_kin.trajectory.limits import (
     refuse_motionless,
     wheel_speeds,
 )
-from pepper_kin.trajectory.path import CubicPath, PathLike, as_cubic_path, as_tangent_path
-from pepper_kin.trajectory.sampling import sample_times
-from pepper_kin.trajectory.time_optimal import TooLongError, fastest_motion
-from pepper_kin.trajectory.timing_problem import TimingProblem
+from pepper_kin.trajectory.path import CubicPath, PathLike, as_cubic_path, start_rates
+from pepper_kin.trajectory.samples import sample_times
+from pepper_kin.trajectory.time_optimal import TimingProblem, TooLongError, fastest_motion
 from pepper_kin.trajectory.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -143,30 +142,18 @@ def retime(
     greatest = pepper.acceleration_limits
     if acceleration_limits is not None:
         greatest = completed_limits(pepper.joint_names, greatest, acceleration_limits)
-    rate = None if jerk is None else _where_joints_move(jerk_limits(pepper, jerk, greatest))
-    if rate is not None and np.isinf(rate).all():
-        rate = None
+    rate = _jerk_rate(pepper, jerk, greatest)
     allowed = motion_limits(
         pepper, velocity_scale=velocity_scale, acceleration_scale=acceleration_scale,
         torque_scale=torque_scale, torque=torque, balance=balance, hand_speed=hand_speed, payload=payload,
         scene=scene, along=path,
     )  # fmt: skip
-    if path_speed is not None and (rate is not None or solver != "fast"):
-        raise InvalidValueError("path_speed", path_speed, "None with `jerk`, and with another solver")
-    if start_velocity is not None and (requested is not None or solver != "fast"):
-        raise InvalidValueError("start_velocity", "with duration or toppra", "none of these")
-    if start_acceleration is not None and rate is None:
-        raise InvalidValueError("start_acceleration", "without jerk", "with `jerk`: else accelerations jump")
+    fast = solver == "fast"
+    _refuse_together("path_speed", path_speed, rate is not None or not fast)
+    _refuse_together("start_velocity", start_velocity, requested is not None or not fast)
+    _refuse_together("start_acceleration", start_acceleration, rate is None)
     curve, *start = _begun(pepper, path, start_velocity, start_acceleration)
-    drives = _drives(pepper, curve.coefficients)
-    if acceleration_limits is None:
-        limits = _kept_limits(pepper, allowed, drives)
-    else:
-        limits = _limits(pepper, greatest, allowed, drives)
-    if acceleration_limits is not None or not _has_all_limits(pepper):
-        refuse_motionless(pepper, curve.coefficients, greatest, "trajectory")
-        _refuse_missing(pepper, curve.coefficients, acceleration_limits)
-        _refuse_unbounded(curve.coefficients, limits)
+    limits = _limits_along(pepper, curve, allowed, greatest, acceleration_limits)
     if path_speed is not None:
         limits = replace(limits, path_speed=check_positive("path_speed", path_speed, "1/s"))
     count = check_whole("gridpoints", gridpoints, 2, _MOST_POINTS)
@@ -179,6 +166,31 @@ def retime(
     return trajectory if requested is None else _last(pepper, trajectory, requested, limits)
 
 
+_TOGETHER = {
+    "path_speed": (None, "None with `jerk`, and with another solver"),
+    "start_velocity": ("with duration or toppra", "none of these"),
+    "start_acceleration": ("without jerk", "with `jerk`: else accelerations jump"),
+}
+"""Option of `retime` -> what is wrong with it beside others, None for its value, and what is allowed."""
+
+
+def _refuse_together(name: str, value: object, wrong: bool) -> None:
+    """Refuse an option, if it is given, that does not go with the others.
+
+    Raises:
+        InvalidValueError: naming it.
+    """
+    if value is not None and wrong:
+        got, allowed = _TOGETHER[name]
+        raise InvalidValueError(name, value if got is None else got, allowed)
+
+
+def _jerk_rate(pepper: PepperModel, jerk: JerkLike | None, acceleration: Array) -> Array | None:
+    """Return limits of jerk, shape (n,); None where none acts."""
+    rate = None if jerk is None else _where_joints_move(jerk_limits(pepper, jerk, acceleration))
+    return None if rate is None or np.isinf(rate).all() else rate
+
+
 def _begun(
     pepper: PepperModel, path: PathLike, velocity: ArrayLike | None, acceleration: ArrayLike | None
 ) -> tuple[CubicPath, float, float]:
@@ -189,7 +201,39 @@ def _begun(
     second = None
     if acceleration is not None:
         second = as_joint_vector(pepper, acceleration, "start_acceleration")
-    return as_tangent_path(pepper, path, first, second)
+    if not (first.any() or (second is not None and second.any())):
+        return as_cubic_path(pepper, path), 0.0, 0.0
+    curve = as_cubic_path(pepper, path, (first, second))
+    return curve, *start_rates(curve, first, second)
+
+
+def _limits_along(
+    pepper: PepperModel, curve: CubicPath, allowed: MotionLimits, greatest: Array, named: LimitsLike | None
+) -> Limits:
+    """Return the limits of a motion along a curve, where each joint that moves has some.
+
+    Args:
+        pepper: The robot.
+        curve: The path.
+        allowed: What a user says.
+        greatest: Acceleration limits [rad/s^2 or m/s^2], shape (n,).
+        named: Those that a user has named.
+
+    Raises:
+        InfeasibleError: for a joint that moves and whose limit is 0.
+        InvalidValueError: for one without limit of acceleration, or where no limit bounds the motion.
+    """
+    drives = _drives(pepper, curve.coefficients)
+    if named is None:
+        limits = _kept_limits(pepper, allowed, drives)
+        if _has_all_limits(pepper):
+            return limits
+    else:
+        limits = _limits(pepper, greatest, allowed, drives)
+    refuse_motionless(pepper, curve.coefficients, greatest, "trajectory")
+    _refuse_missing(pepper, curve.coefficients, named)
+    _refuse_unbounded(curve.coefficients, limits)
+    return limits
 
 
 def _limits(pepper: PepperModel, greatest: Array, allowed: MotionLimits, drives: bool) -> Limits:

@@ -1,23 +1,89 @@
-"""A trajectory at discrete times."""
+"""A trajectory at discrete times: its states, their units, and the times at which it is looked at."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pepper_kin.arrays import Array, FrozenArrays, read_only
-from pepper_kin.core.splines import quintic_hermite
-from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.model.joint_vectors import as_finite
+from pepper_kin.core.splines import derivatives_on_segments, quintic_hermite
+from pepper_kin.exceptions import InvalidValueError, UnknownNameError
+from pepper_kin.model.joint_vectors import as_finite, as_numbers, check_positive
 
 if TYPE_CHECKING:
     from pepper_kin.model import PepperModel
     from pepper_kin.trajectory.trajectory import Trajectory
 
+# quantity -> unit for a joint in radians, unit for a joint in meters
+UNITS = {
+    "position": ("rad", "m"),
+    "velocity": ("rad/s", "m/s"),
+    "acceleration": ("rad/s^2", "m/s^2"),
+    "jerk": ("rad/s^3", "m/s^3"),
+    "torque": ("N m", "N"),
+    "reference": ("rad", "m"),
+    "reference_velocity": ("rad/s", "m/s"),
+    **{f"external_force_{axis}": ("N", "N") for axis in "xyz"},
+    **{f"external_moment_{axis}": ("N m", "N m") for axis in "xyz"},
+    "external_known": ("1", "1"),
+}
+TIME_TOLERANCE = 1e-9
+EXAMINED_EVERY = 0.001
+"""Time between the states of a motion that are looked at [s]."""
+
+_LONG = 300.0  # [s] duration up to which that is so
+_MOST_SAMPLES = 10_000_000
 _Value = TypeVar("_Value", "Samples", "Trajectory")
+
+
+def unit_of(quantity: str, joint_unit: str = "rad") -> str:
+    """Return the unit of a quantity of a joint whose position is in "rad" or "m".
+
+    Raises:
+        UnknownNameError: listing the quantities.
+    """
+    if quantity not in UNITS:
+        raise UnknownNameError("quantity", quantity, UNITS)
+    return UNITS[quantity][joint_unit == "m"]
+
+
+class State(NamedTuple):
+    """Joint positions, velocities and accelerations at some times.
+
+    Attributes:
+        position: q [rad or m], shape (..., n).
+        velocity: dq/dt [rad/s or m/s], shape (..., n).
+        acceleration: d2q/dt2 [rad/s^2 or m/s^2], shape (..., n).
+    """
+
+    position: Array
+    velocity: Array
+    acceleration: Array
+
+
+def examination_step(duration: float) -> float:
+    """Return the time between states that an examination looks at [s]: 1 ms, or more where that is long."""
+    return EXAMINED_EVERY * max(1.0, float(np.ceil(duration / _LONG)))
+
+
+def sample_times(duration: float, dt: float) -> Array:
+    """Return 0, dt, 2 dt, ... and exactly the duration [s], shape (T,).
+
+    Raises:
+        InvalidValueError: for a dt that is not above zero, or below a ten-millionth of the duration.
+    """
+    dt = check_positive("dt", dt, "s")
+    if duration / dt > _MOST_SAMPLES:
+        raise InvalidValueError("dt", f"{dt} s", f"at least {duration / _MOST_SAMPLES:.3g} s")
+    time: Array = dt * np.arange(int(np.ceil(duration / dt)) + 1, dtype=float)
+    count = int(np.searchsorted(time, duration - max(TIME_TOLERANCE, 1e-9 * duration)))
+    time = time[: count + 1] if count < time.size else np.append(time, duration)
+    time[-1] = duration
+    return time
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,3 +168,33 @@ def known(kind: type[_Value], names: tuple[str, ...], units: tuple[str, ...], **
         array.setflags(write=False)
     value.__dict__.update(joint_names=names, joint_units=units, **arrays)
     return value
+
+
+def checked_derivatives(coefficients: Array, segment: ArrayLike, local_time: ArrayLike, count: int) -> Array:
+    """Return value and first derivatives of chosen polynomials, whose places and times are checked.
+
+    Args:
+        coefficients: Constant term first, shape (m, k, n).
+        segment: Indices of segments, negative ones from the end, shape (...).
+        local_time: Time since the start of the segment [s], shape (...).
+        count: Number of derivatives, the value among them, at most 4.
+
+    Returns:
+        Shape (count, ..., n).
+
+    Raises:
+        InvalidValueError: for a segment that does not exist, a time that is not finite, or shapes that
+            do not go together.
+    """
+    place, time = as_numbers(segment, "segment"), as_numbers(local_time, "local_time")
+    most = len(coefficients)
+    wrong = (place != np.floor(place)) | (place < -most) | (place >= most)
+    if wrong.any():
+        raise InvalidValueError("segment", place[wrong].flat[0], f"whole numbers from 0 to {most - 1}")
+    if np.isinf(time).any():
+        raise InvalidValueError("local_time", "infinity", "finite times [s]")
+    try:
+        return derivatives_on_segments(coefficients, place.astype(np.int64), time, count)
+    except ValueError:
+        shapes = f"shapes {place.shape} and {time.shape}"
+        raise InvalidValueError("segment and local_time", shapes, "shapes that go together") from None

@@ -29,7 +29,7 @@ from pepper_kin.exceptions import InfeasibleError, InvalidValueError, UnknownNam
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.joint_vectors import as_real, shown
 from pepper_kin.model.requirements import Balance, TorqueScale
-from pepper_kin.trajectory.extremes import extremes_of
+from pepper_kin.trajectory.examined_states import extremes_of
 from pepper_kin.trajectory.limits import (
     JerkLike,
     LimitedQuantities,
@@ -39,8 +39,13 @@ from pepper_kin.trajectory.limits import (
     motion_limits,
     quantities_of,
 )
-from pepper_kin.trajectory.samples import known, refuse_other_joints
-from pepper_kin.trajectory.sampling import EXAMINED_EVERY, TIME_TOLERANCE, sample_times
+from pepper_kin.trajectory.samples import (
+    EXAMINED_EVERY,
+    TIME_TOLERANCE,
+    known,
+    refuse_other_joints,
+    sample_times,
+)
 
 if TYPE_CHECKING:
     from pepper_kin.collision import Clearance, Scene

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import math
+import threading
+from typing import NamedTuple
+
 import numpy as np
 
 from pepper_kin.arrays import Array
 from pepper_kin.core.timing.constraints import fill_rows, tighten_joints, tighten_states
+from pepper_kin.core.timing.grid import coefficient_states, fill_grid, frame_states, interval_count
 from pepper_kin.core.timing.parameterization import (
     FOUND,
     NO_PROFILE,
@@ -13,15 +18,231 @@ from pepper_kin.core.timing.parameterization import (
     evaluate_motion,
     instant_count,
     instants_near_limits,
+    motion_polynomials,
     optimal_profile,
     profile_duration,
 )
 from pepper_kin.core.timing.reachability import fastest_profile
-from pepper_kin.core.timing.tables import Instants, StateEffects
-from pepper_kin.core.timing.whole_timing import CHECK_STEP, LEAST, LONGEST_MOTION, MORE, TOLERANCE
-from pepper_kin.exceptions import InfeasibleError
-from pepper_kin.trajectory.timing_problem import TimingProblem
-from pepper_kin.trajectory.trajectory import Trajectory
+from pepper_kin.core.timing.tables import (
+    Instants,
+    PathEffects,
+    PathGrid,
+    PathLimits,
+    PathRows,
+    ProfileSpace,
+    StateEffects,
+)
+from pepper_kin.core.timing.whole_timing import (
+    CHECK_STEP,
+    LEAST,
+    LONGEST_MOTION,
+    MORE,
+    TOLERANCE,
+    TimedPath,
+    time_path,
+)
+from pepper_kin.dynamics.load import carried_words
+from pepper_kin.exceptions import InfeasibleError, beside_limits
+from pepper_kin.model import PepperModel
+from pepper_kin.trajectory.limits import Limits, quantities_of, share_of
+from pepper_kin.trajectory.trajectory import Trajectory, known_trajectory
+
+_GREATEST = 1e12  # squared speed where no velocity limit acts, in path lengths squared a second squared
+
+MOST_TABLES = 256
+"""Sizes of paths of which a thread keeps the tables."""
+
+
+class TimingProblem:
+    """A path on its grid with the limits along it.
+
+    The tables are views of memory that each thread keeps, for new pages would take long: a problem is valid
+    until the next one is made in the same thread.  They are filled by `fill` or `fastest`.
+
+    Attributes:
+        grid: The path.
+        effects: Torques, edge moments and frame speeds at its nodes.
+        limits: Limits of the joints.
+        rows: Receives the constraints.
+        space: Work space of the search; `x[0]` is the squared speed (ds/dt)^2 at the start, at first 0.
+        quantities: What limits look at, for other states.
+        loads: What is carried.
+
+    Args:
+        pepper: The robot.
+        breaks: Ends of the path's pieces, rising, shape (m + 1,).
+        coefficients: Constant term first [rad or m], shape (m, 4, n).
+        intervals: Number of intervals of the grid, about.
+        limits: The limits.
+    """
+
+    def __init__(
+        self, pepper: PepperModel, breaks: Array, coefficients: Array, intervals: int, limits: Limits
+    ) -> None:
+        self._names, self._units = pepper.joint_names, pepper.joint_units
+        self.quantities, self.loads = quantities_of(pepper, limits), limits.loads
+        self._path, self._intervals = (breaks, coefficients), intervals
+        torques, edges = self.quantities.torque_limit.size, self.quantities.edges
+        count = interval_count(breaks, intervals)
+        self._tables = _tables_of(count, len(breaks) - 1, pepper.n, torques, edges)
+        self.grid, self.effects, self.rows, self.space = self._tables[:4]
+        self.space.x[0] = 0.0
+        self.limits = PathLimits(
+            limits.velocity, limits.acceleration, self.quantities.torque_limit,
+            min(_GREATEST * float(breaks[-1] - breaks[0]) ** 2, limits.path_speed**2),
+        )  # fmt: skip
+
+    @property
+    def plain(self) -> bool:
+        """Whether nothing is limited but velocity, acceleration, and torque without a load."""
+        return not (self.quantities.edges or self.quantities.frames or self.loads)
+
+    def fastest(self) -> tuple[int, int | None, float, Trajectory | None]:
+        """Fill the tables and search the fastest motion, of a plain problem, in one call of machine code.
+
+        Returns:
+            As `time_path`, and the motion where there is one.
+        """
+        breaks, coefficients = self._path
+        times, motion = self._tables.times, self._tables.motion
+        path = TimedPath(
+            breaks, coefficients, self.grid, self.effects, self._tables.torques, self.limits, self.rows,
+            self.space, self._tables.states, times, motion,
+        )  # fmt: skip
+        status, failed, stretch = time_path(path, self.quantities.torque_kernel, self._intervals)
+        if status != FOUND or stretch == np.inf:
+            return status, failed, stretch, None
+        return status, failed, stretch, known_trajectory(self._names, self._units, times, motion)
+
+    def fill(self) -> None:
+        """Fill the tables of the path, and of torques, edge moments and frame speeds along it."""
+        quantities, tables, nodes = self.quantities, self._tables, self.grid.at.shape[1]
+        fill_grid(*self._path, self._intervals, self.grid)
+        if quantities.torque_limit.size or quantities.edges:
+            coefficient_states(self.grid.at, tables.states)
+            tables.torques[:] = quantities.torque(*tables.states)
+            self.effects.moments[:] = quantities.moments(*tables.states).reshape(self.effects.moments.shape)
+        if quantities.frames:
+            posture = np.empty((2, nodes + self.grid.step.size, self.grid.at.shape[2]))
+            frame_states(self.grid, posture)
+            speed = quantities.speed(*posture)
+            self.effects = self.effects._replace(frame_speed=speed[:nodes], frame_middle=speed[nodes:])
+
+    def share(self, point: int) -> float:
+        """Return how far along the path a grid point is, from 0 to 1."""
+        s = self.grid.s
+        return float((s[point] - s[0]) / (s[-1] - s[0]))
+
+    def trajectory(self, x: Array, stretch: float = 1.0) -> Trajectory:
+        """Return the motion with squared speeds (ds/dt)^2 at the grid points, shape (N + 1,), made slower."""
+        times, motion = self._tables.times, self._tables.motion
+        motion_polynomials(self.grid, x, stretch, times, motion)
+        return known_trajectory(self._names, self._units, times, motion)
+
+    def infeasible(self, failed_at: int | None) -> InfeasibleError:
+        """Say why there is no trajectory: with velocity and acceleration alone there always is one.
+
+        Args:
+            failed_at: Grid point at which the search ended.
+        """
+        torque, limit = self.effects.torque[0], self.limits.torque
+        use = share_of(np.abs(torque), limit)  # of wheels 0: at rest they do not accelerate
+        if use.size and use.max() >= 1.0:
+            node, joint = np.unravel_index(int(np.argmax(use)), use.shape)
+            needed, most = beside_limits(abs(torque[node, joint]), limit[joint], outside=True)
+            reason = (
+                f"{self._names[joint]} needs {needed} N m to hold still against gravity"
+                f"{carried_words(self.loads)} {self._node_share(node):.0%} along the path, "
+                f"and its limit is {most} N m"
+            )
+            advice = "choose a path with less load on that joint" + (", or carry less" if self.loads else "")
+            return InfeasibleError("trajectory", reason, advice)
+        moments = self.effects.moments[0]
+        if moments.size and moments.min() < 0:
+            node = np.argmin(moments.min(axis=1))
+            reason = f"{self._node_share(node):.0%} along the path the robot would tip over even at rest"
+            nearer = (
+                "choose a path whose center of mass is nearer to the middle of the wheels, or less balance"
+            )
+            return InfeasibleError("trajectory", reason, nearer)
+        x, (least, most) = self.space.x[0], self.space.reach[0]
+        if failed_at == 0 and x > 0.0 and most > 0.0:
+            bound = f"at most {np.sqrt(most / x):.6g}" if x > most else f"at least {np.sqrt(least / x):.6g}"
+            reason = f"along the path start_velocity could be {bound} times as large"
+            return InfeasibleError("trajectory", reason, "another start_velocity, or `Trajectory.replaced`")
+        where = "" if failed_at is None else f" from {self.share(failed_at):.0%} of it on"
+        return InfeasibleError(
+            "trajectory",
+            f"no speed along the path obeys all limits{where}",
+            "raise the scales, use more grid points, or smooth the path",
+        )
+
+    def _node_share(self, node: np.intp) -> float:
+        """Return how far along the path a node is."""
+        interval = int(np.searchsorted(self.grid.first, node, side="right")) - 1
+        return self.share(interval + int(node - self.grid.first[interval]))
+
+
+class _Tables(NamedTuple):
+    """Tables of paths of one size, of which the states share memory with the work space."""
+
+    grid: PathGrid
+    effects: PathEffects
+    rows: PathRows
+    space: ProfileSpace
+    states: Array
+    torques: Array
+    times: Array
+    motion: Array
+
+
+class _Memory(threading.local):
+    """Memory of a thread, and tables that lie in it, by their sizes; all share it."""
+
+    def __init__(self) -> None:
+        self.workspace, self.tables = np.empty(0), dict[tuple[int, ...], _Tables]()
+
+
+_memory = _Memory()
+
+
+def _tables_of(size: int, segments: int, n: int, torques: int, edges: int) -> _Tables:
+    """Return this thread's tables of `size` intervals."""
+    key = size, segments, n, torques, edges
+    found = _memory.tables.get(key)
+    if found is not None:
+        return found
+    nodes, r = size + segments, n + torques + edges
+    total = (
+        nodes * (3 * n + 6 * r) + size * (4 * n + 3 * (r - n) + 2 * r + 10)
+        + max(9 * nodes * n, size * 3 * (2 * r + 1)) + size * (7 * n + 1) + 11
+    )  # fmt: skip
+    if _memory.workspace.size < total or len(_memory.tables) >= MOST_TABLES:
+        _memory.tables.clear()
+        _memory.workspace = np.empty(max(2 * total, _memory.workspace.size))
+    workspace, used = _memory.workspace, 0
+
+    def take(*shape: int) -> Array:
+        nonlocal used
+        begin, used = used, used + math.prod(shape)
+        return np.asarray(workspace[begin:used].reshape(shape))
+
+    grid = PathGrid(take(size), np.empty(size, np.int64), take(size + 1), take(3, nodes, n), take(size, 4, n))
+    rows = PathRows(
+        take(nodes, r), take(nodes, r), take(nodes, r), take(3, size, r - n), take(size, r), take(size, r),
+        take(size + 1),
+    )  # fmt: skip
+    torque, moments = take(3, nodes, torques), take(3, nodes, edges)
+    effects = PathEffects(torque, moments, np.empty((nodes, 0)), np.empty((size, 0)))
+    times, motion = take(size + 1), take(size, 7, n)
+    span, reach, x, best, begin = take(size, 3), take(size + 1, 2), take(size + 1), take(size + 1), used
+    states = take(3, 3 * nodes, n)
+    used = begin
+    space = ProfileSpace(take(size, 3, 2 * r + 1), span, reach, np.ones(size, np.bool_), x, best)
+    torque_rows = torque.reshape(3 * nodes, torques)
+    found = _Tables(grid, effects, rows, space, states, torque_rows, times, motion)
+    _memory.tables[key] = found
+    return found
 
 
 class TooLongError(Exception):

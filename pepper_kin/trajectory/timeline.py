@@ -10,9 +10,8 @@ from pepper_kin.exceptions import InvalidValueError, UnknownNameError, shortened
 from pepper_kin.file_access.reading import repeated
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vector
-from pepper_kin.trajectory.enforce_limits import enforce_limits
-from pepper_kin.trajectory.joint_curves import JointCurve, checked_parts, on_common_knots
-from pepper_kin.trajectory.limit_violations import LimitViolation, find_limit_violations
+from pepper_kin.trajectory.enforce_limits import LimitViolation, enforce_limits, find_limit_violations
+from pepper_kin.trajectory.key_curve import JointCurve, checked_parts, on_common_knots
 from pepper_kin.trajectory.trajectory import Trajectory
 
 HANDS = ("LHand", "RHand")

@@ -16,11 +16,10 @@ from pepper_kin.core.timing.whole_timing import CHECK_STEP
 from pepper_kin.exceptions import InfeasibleError, optional
 from pepper_kin.kernels.working_time import not_counted
 from pepper_kin.model import PepperModel
-from pepper_kin.trajectory.limit_use import measure_use, stretch_at_extremes
+from pepper_kin.trajectory.active_limits import measure_use, stretch_at_extremes
 from pepper_kin.trajectory.limits import Limits
-from pepper_kin.trajectory.sampling import sample_times
-from pepper_kin.trajectory.time_optimal import refuse_long
-from pepper_kin.trajectory.timing_problem import TimingProblem
+from pepper_kin.trajectory.samples import sample_times
+from pepper_kin.trajectory.time_optimal import TimingProblem, refuse_long
 from pepper_kin.trajectory.trajectory import Trajectory
 
 _ROUNDS = 4  # solutions with tightened limits before settling for a slower one

@@ -18,11 +18,17 @@ from pepper_kin.trajectory.active_limits import ActiveLimits, active_limits
 from pepper_kin.trajectory.certificate import Certificate
 from pepper_kin.trajectory.check import check
 from pepper_kin.trajectory.interpolation import from_positions
-from pepper_kin.trajectory.key_frames import Frame, from_keyframes
+from pepper_kin.trajectory.key_curve import Frame, from_keyframes
 from pepper_kin.trajectory.plot import plot
-from pepper_kin.trajectory.samples import Samples, known, names_and_units
-from pepper_kin.trajectory.sampling import TIME_TOLERANCE, State, sample_times
-from pepper_kin.trajectory.segment_values import checked_derivatives
+from pepper_kin.trajectory.samples import (
+    TIME_TOLERANCE,
+    Samples,
+    State,
+    checked_derivatives,
+    known,
+    names_and_units,
+    sample_times,
+)
 from pepper_kin.trajectory.splice import Splice, replaced
 from pepper_kin.trajectory.stop import Stop, stop
 
@@ -384,7 +390,7 @@ class Trajectory(FrozenArrays):
 
         Straight to rest, each joint with a share of its acceleration limit, or more to turn within its range;
         or onto another motion and along it, left for now or on the way to a `stop`.  Joints arrive together
-        (`pepper_kin.core.timing.steering`; with `jerk`, `pepper_kin.trajectory.jerk_steering`); without
+        (`pepper_kin.core.timing.steering`; with `jerk`, `pepper_kin.trajectory.splice`); without
         `jerk` accelerations may jump.  Limits of position, velocity, acceleration and jerk hold at every
         instant; torque and balance are examined every millisecond and beside every knot; that nothing is
         touched is proven for the new way, of a stop looked at every millisecond.  Where no share tried will
@@ -422,10 +428,9 @@ class Trajectory(FrozenArrays):
 
     def _derivatives(self, t: ArrayLike, count: int) -> Array:
         """Return value and derivatives at times, shape (count, ..., n); see `_within`."""
-        time = self._within(t)
-        state = np.empty((count, *time.shape, self.n))
-        flat = time.reshape(-1)
-        evaluate_at_times(self.breaks, self.coefficients, flat, state.reshape(count, flat.size, self.n))
+        time, n = self._within(t), self.coefficients.shape[2]
+        state, flat = np.empty((count, *time.shape, n)), time.reshape(-1)
+        evaluate_at_times(self.breaks, self.coefficients, flat, state.reshape(count, flat.size, n))
         return state
 
     def _within(self, t: ArrayLike) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -33,7 +34,7 @@ from pepper_kin.twin.batch_world import BatchBodies, BatchWorld
 from pepper_kin.twin.command import Command, Delay
 from pepper_kin.twin.hooks import scene_of
 from pepper_kin.twin.integrator import check_timestep
-from pepper_kin.twin.reference import sampled
+from pepper_kin.twin.reference import References, sampled
 from pepper_kin.twin.simulator import Rollout, Sending, Simulator
 from pepper_kin.twin.state import diverged
 from pepper_kin.twin.twin import FEEDFORWARDS
@@ -223,8 +224,7 @@ class TwinBatch:
         torque[places] = self._torque_at_rest()[places]
         self._torque = torque
         still = np.zeros_like(position)
-        command = Command(position, still, self._feedforward(position, still, still, rest))
-        self._delay.fill(command, places, self.count)
+        self._delay.fill(self._command(References(position, still, still)), places, self.count)
         self._simulator.reset(places)
         self._simulator.fill(self._q, places)
         if self._world is not None:
@@ -292,8 +292,7 @@ class TwinBatch:
         reference = sampled(self.pepper, trajectory, hold_time, self.timestep)
         if not from_present:
             self.reset(reference.position[0], reference.velocity[0])
-        q_ref, v_ref, a_ref = (x[np.newaxis, 1:] for x in reference)
-        command = Command(q_ref, v_ref, self._feedforward(q_ref, v_ref, a_ref, np.zeros(self.pepper.n)))
+        command = self._command(References(*(x[np.newaxis, 1:] for x in reference[:3])))
         return self._follow(command, np.zeros((1, 1, self.pepper.n)), every, threads, progress)
 
     def follow(
@@ -326,19 +325,15 @@ class TwinBatch:
         Raises:
             InvalidValueError: naming the quantity, for a wrong shape, NaN or infinity.
         """
-        q_ref = self._series(position, "position", None)
-        steps = q_ref.shape[1]
+        steps = self._series(position, "position", None).shape[1]
         zero = np.zeros((1, steps, self.pepper.n))
-        others = {"velocity": velocity, "acceleration": acceleration, "effort": effort, "load": load}
-        v_ref, a_ref, torque, outer = (
-            zero if x is None else self._series(x, name, steps) for name, x in others.items()
+        references = References.checked(
+            partial(self._series, steps=steps), zero, position, velocity, acceleration, effort, load
         )
-        robots = max(len(x) for x in (q_ref, v_ref, a_ref, torque))
-        q_ref, v_ref, a_ref, torque = (
-            np.broadcast_to(x, (robots, steps, self.pepper.n)) for x in (q_ref, v_ref, a_ref, torque)
-        )
-        command = Command(q_ref, v_ref, self._feedforward(q_ref, v_ref, a_ref, torque))
-        return self._follow(command, outer if load is not None else zero[:, :1], every, threads)
+        robots = max(map(len, references[:4]))
+        shape = robots, steps, self.pepper.n
+        command = self._command(References(*(np.broadcast_to(x, shape) for x in references[:4])))
+        return self._follow(command, references.load if load is not None else zero[:, :1], every, threads)
 
     def step(
         self,
@@ -492,19 +487,9 @@ class TwinBatch:
         present_torques(table, state, held.ravel(), torque)
         return torque.reshape(self.count, self.pepper.n)
 
-    def _feedforward(self, q: Array, v: Array, a: Array, effort: Array) -> Array:
-        """Return the feed-forward of the actuators [N m or N], or the effort in torque mode, shape (..., n).
-
-        Args:
-            q: Reference positions [rad or m], shape (..., n).
-            v: Reference velocities [rad/s or m/s], shape (..., n).
-            a: Reference accelerations [rad/s^2 or m/s^2], shape (..., n).
-            effort: Torques in torque mode [N m or N], shape (..., n) or (n,).
-        """
-        forward = np.zeros_like(q)
-        if self.feedforward == "inverse_dynamics":
-            forward = dynamics.inverse_dynamics(self.pepper, q, v, a)
-        return np.where(self._torque_mode, effort, forward)
+    def _command(self, references: References) -> Command:
+        """Return what the actuators are sent for references."""
+        return references.command(self.pepper, self.feedforward, self._torque_mode)
 
     def _bodies(self, name: str) -> BatchWorld:
         if self._world is None:

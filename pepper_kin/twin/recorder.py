@@ -17,9 +17,9 @@ from pepper_kin.file_access.numpy_archive import write_arrays
 from pepper_kin.model.joint_vectors import as_finite, check_positive
 from pepper_kin.trajectory.trajectory import Trajectory
 from pepper_kin.twin.packing import pack, pack_moved, pack_together
-from pepper_kin.twin.recording import INPUTS, Recording, chunk_path, load_recording
+from pepper_kin.twin.recording import Recording, chunk_path, load_recording
 from pepper_kin.twin.recording_header import HEADER, STATES, described, write_header
-from pepper_kin.twin.reference import sampled
+from pepper_kin.twin.reference import References, sampled
 from pepper_kin.twin.run import SERIES, Run
 from pepper_kin.twin.run_status import RunStatus
 from pepper_kin.twin.sensors.recording import ReadingSeries
@@ -132,7 +132,7 @@ class Recorder:
         rows = sampled(self.twin.pepper, trajectory, hold_time, self.twin.timestep)
         done = round(self.time / self.twin.timestep)
         kept = done if done and self._is_begin_of(rows.position[1 : done + 1]) else 0
-        position, velocity, acceleration = (values[1 + kept :] for values in rows)
+        position, velocity, acceleration = (values[1 + kept :] for values in rows[:3])
         return self.follow(position, velocity, acceleration=acceleration)
 
     def follow(
@@ -165,7 +165,7 @@ class Recorder:
         rows = len(as_finite(position, "position", (None, n)))
         if not rows:
             raise InvalidValueError("position", "no rows", "one or more")
-        values = dict(zip(INPUTS, (position, velocity, acceleration, effort, load), strict=True))
+        values = dict(zip(References._fields, (position, velocity, acceleration, effort, load), strict=True))
         inputs = {k: as_finite(v, k, (rows, n)) for k, v in values.items() if v is not None}
         if self.twin.feedforward != "inverse_dynamics":
             inputs.pop("acceleration", None)  # without effect

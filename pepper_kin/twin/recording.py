@@ -19,12 +19,12 @@ from pepper_kin.twin.packing import pack_together, unpack, unpack_moved, unpack_
 from pepper_kin.twin.push import Push
 from pepper_kin.twin.recording_files import save_recording
 from pepper_kin.twin.recording_header import STATES, described, loads_in, read_header
+from pepper_kin.twin.reference import References
 from pepper_kin.twin.run import Run
 from pepper_kin.twin.run_status import RunStatus
 from pepper_kin.twin.sensors.recording import ReadingSeries
 from pepper_kin.twin.twin import Twin
 
-INPUTS = ("position", "velocity", "acceleration", "effort", "load")
 _PARTS = ("time", "value", "truth")
 _NONE = pack_together({})
 
@@ -72,7 +72,9 @@ class Recording:
         """Yield the commands of each chunk, by the arguments of `Twin.follow`."""
         for index, chunk in enumerate(self._read()):
             with self._named(index):
-                inputs = {name: unpack(chunk[f"in.{name}"]) for name in INPUTS if f"in.{name}" in chunk}
+                inputs = {
+                    name: unpack(chunk[f"in.{name}"]) for name in References._fields if f"in.{name}" in chunk
+                }
                 _check_shapes(inputs, len(self.joint_names))
             yield inputs
 

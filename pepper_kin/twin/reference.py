@@ -1,38 +1,76 @@
-"""A trajectory as references for every timestep."""
+"""References of the twin for every timestep: of a caller, or of a trajectory."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-from pepper_kin.arrays import Array
+from pepper_kin import dynamics
+from pepper_kin.arrays import Array, read_only
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_real, shown
 from pepper_kin.trajectory.samples import refuse_other_joints
 from pepper_kin.trajectory.trajectory import Trajectory, checked_trajectory
+from pepper_kin.twin.command import Command
 
 MOST_STEPS = 10_000_000
 """Most steps of one run."""
 
 
-class Reference(NamedTuple):
-    """References at times in steps of the twin, from 0; shape (T, n) each.
+_ZERO = read_only(np.zeros(()))
+
+
+class References(NamedTuple):
+    """What a robot is to follow at the end of a step, or of T steps, shape (n,), (T, n) or (N, T, n).
 
     Attributes:
         position: [rad or m].
         velocity: [rad/s or m/s].
-        acceleration: [rad/s^2 or m/s^2].
+        acceleration: Used by the feed-forward "inverse_dynamics" only [rad/s^2 or m/s^2].
+        effort: Torque of the joints in torque mode [N m or N].
+        load: Torque on the joints from elsewhere [N m or N].
     """
 
     position: Array
     velocity: Array
     acceleration: Array
+    effort: Array = _ZERO
+    load: Array = _ZERO
+
+    @classmethod
+    def checked(
+        cls, check: Callable[[ArrayLike, str], Array], zero: Array, *values: ArrayLike | None
+    ) -> References:
+        """Return references of what a caller gives, in the order of the fields.
+
+        Args:
+            check: Returns a value as an array, or refuses it by its name.
+            zero: Stands for what is None.
+            *values: One for each field.
+        """
+        pairs = zip(cls._fields, values, strict=True)
+        return cls(*(zero if value is None else check(value, name) for name, value in pairs))
+
+    def command(self, pepper: PepperModel, feedforward: str, torque_mode: NDArray[np.bool_]) -> Command:
+        """Return what actuators are sent.
+
+        Args:
+            pepper: The robot.
+            feedforward: One of `FEEDFORWARDS` of the twin.
+            torque_mode: Which joints take the effort, shape (n,).
+        """
+        forward: Array = np.zeros(self.position.shape)
+        if feedforward == "inverse_dynamics":
+            forward = dynamics.inverse_dynamics(pepper, self.position, self.velocity, self.acceleration)
+        return Command(self.position, self.velocity, np.where(torque_mode, self.effort, forward))
 
 
-def sampled(pepper: PepperModel, trajectory: Trajectory, hold_time: float, timestep: float) -> Reference:
-    """Sample a trajectory at every step, and its end, at rest, for the hold time.
+def sampled(pepper: PepperModel, trajectory: Trajectory, hold_time: float, timestep: float) -> References:
+    """Sample a trajectory at every step from 0 on, and its end, at rest, for the hold time.
 
     Args:
         pepper: The robot.
@@ -56,4 +94,4 @@ def sampled(pepper: PepperModel, trajectory: Trajectory, hold_time: float, times
     position, velocity, acceleration = trajectory(np.minimum(time, trajectory.duration))
     rest = int(np.searchsorted(time, trajectory.duration, side="right"))
     velocity[rest:], acceleration[rest:] = 0.0, 0.0
-    return Reference(position, velocity, acceleration)
+    return References(position, velocity, acceleration)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pepper_kin import dynamics
 from pepper_kin.arrays import Array, read_only
 from pepper_kin.collision import Scene, loads_of
 from pepper_kin.model import PepperModel
@@ -30,7 +30,7 @@ from pepper_kin.twin.hooks import SensorsHook, WorldHook, due_time, readings_sin
 from pepper_kin.twin.integrator import Integrator, Series, check_timestep, joined
 from pepper_kin.twin.push import Push
 from pepper_kin.twin.real_time import Commander, Timing, run_real_time
-from pepper_kin.twin.reference import sampled
+from pepper_kin.twin.reference import References, sampled
 from pepper_kin.twin.run import Run
 from pepper_kin.twin.run_status import RunEnd, RunStatus, status_of
 from pepper_kin.twin.segment import SegmentRunner
@@ -156,8 +156,7 @@ class Twin:
         self._q, self._v, self._step = position.copy(), velocity.copy(), 0
         self._a = np.zeros(self.pepper.n)
         rest = np.zeros(self.pepper.n)
-        feedforward = self._feedforward(position, rest, rest, rest)
-        self._delay.fill(Command(position, rest, feedforward))
+        self._delay.fill(self._command(References(position, rest, rest)))
         self._integrator.reset()
         if self._own_world is not None and self._own_world.scene.movers:
             self._own_world.reset()
@@ -231,14 +230,12 @@ class Twin:
             DivergedError: where the new state is not finite, naming joint, step and cause; the state stays.
             ContactError: where the world cannot do its step; the state stays.
         """
-        q_ref, rest = as_joint_vector(self.pepper, position, "position"), self._rest
-        v_ref = rest if velocity is None else as_joint_vector(self.pepper, velocity, "velocity")
-        a_ref = rest if acceleration is None else as_joint_vector(self.pepper, acceleration, "acceleration")
-        torque = rest if effort is None else as_joint_vector(self.pepper, effort, "effort")
-        outer = rest if load is None else as_joint_vector(self.pepper, load, "load")
-        command = Command(q_ref, v_ref, self._feedforward(q_ref, v_ref, a_ref, torque))
+        references = References.checked(
+            partial(as_joint_vector, self.pepper), self._rest, position, velocity, acceleration, effort, load
+        )
+        command = self._command(references)
         before, due = (self._q, self._v), self._delay.through(command.as_rows())
-        series, failed = self._segment(due, outer[np.newaxis], self._steps_alone(1) > 0)
+        series, failed = self._segment(due, references.load[np.newaxis], self._steps_alone(1) > 0)
         if failed is not None:
             raise failed
         if series.good < 1:
@@ -278,11 +275,10 @@ class Twin:
             InvalidValueError: for other joints, or a hold time that is not a finite number of at least 0.
             LimitError: where the trajectory starts outside the position limits.
         """
-        position, velocity, acceleration = sampled(self.pepper, trajectory, hold_time, self.timestep)
+        references = sampled(self.pepper, trajectory, hold_time, self.timestep)
         if not from_present:
-            self.reset(position[0], velocity[0])
-        feedforward = self._feedforward(position, velocity, acceleration, np.zeros(self.pepper.n))
-        return self._follow(Command(position, velocity, feedforward), progress=progress)
+            self.reset(references.position[0], references.velocity[0])
+        return self._follow(self._command(references), progress=progress)
 
     def follow(
         self,
@@ -309,39 +305,20 @@ class Twin:
         Raises:
             InvalidValueError: naming the quantity, for a wrong shape, NaN or infinity.
         """
-        rows = len(as_finite(position, "position", (None, self.pepper.n)))
-        named_limits = {
-            "position": position,
-            "velocity": velocity,
-            "acceleration": acceleration,
-            "effort": effort,
-            "load": load,
-        }
-        q_ref, v_ref, a_ref, torque, outer = (
-            np.zeros((rows, self.pepper.n)) if x is None else as_finite(x, name, (rows, self.pepper.n))
-            for name, x in named_limits.items()
+        shape = (len(as_finite(position, "position", (None, self.pepper.n))), self.pepper.n)
+        references = References.checked(
+            partial(as_finite, shape=shape), np.zeros(shape), position, velocity, acceleration, effort, load
         )
-        command = Command(q_ref, v_ref, self._feedforward(q_ref, v_ref, a_ref, torque))
         first = Command(self._q, self._v, np.zeros(self.pepper.n)).as_rows()
-        return self._follow(first.then(command), outer)
+        return self._follow(first.then(self._command(references)), references.load)
 
     def run_real_time(self, commander: Commander, **options: Any) -> Timing:
         """Step against the wall clock, with a function of target positions; see `run_real_time`."""
         return run_real_time(self, commander, **options)
 
-    def _feedforward(self, q: Array, v: Array, a: Array, effort: Array) -> Array:
-        """Return the feed-forward of the actuators [N m or N], or the effort in torque mode, shape (..., n).
-
-        Args:
-            q: Reference positions [rad or m], shape (..., n).
-            v: Reference velocities [rad/s or m/s], shape (..., n).
-            a: Reference accelerations [rad/s^2 or m/s^2], shape (..., n).
-            effort: Torques in torque mode [N m or N], shape (..., n) or (n,).
-        """
-        forward = self._rest if q.ndim == 1 else np.zeros(q.shape)
-        if self.feedforward == "inverse_dynamics":
-            forward = dynamics.inverse_dynamics(self.pepper, q, v, a)
-        return forward if effort is self._rest else np.where(self._torque_mode, effort, forward)
+    def _command(self, references: References) -> Command:
+        """Return what the actuators are sent for references."""
+        return references.command(self.pepper, self.feedforward, self._torque_mode)
 
     def _follow(
         self,

@@ -9,11 +9,10 @@ from scipy.sparse import csr_matrix
 
 import pepper_kin as pk
 from pepper_kin.core.timing.rate_program import POINTS, RateProgram, fastest_rate, greatest_even_rate
-from pepper_kin.trajectory.jerk_rows import rate_program, to_powers
 from pepper_kin.trajectory.limits import jerk_limits, motion_limits
 from pepper_kin.trajectory.path import as_cubic_path
 from pepper_kin.trajectory.retiming import grid_parameters
-from pepper_kin.trajectory.smooth_time import smooth_time
+from pepper_kin.trajectory.smooth_time import rate_program, smooth_time, to_powers
 
 
 def program_of(pepper, seed, jerk, window, **options):

@@ -8,7 +8,7 @@ from pepper_kin.exceptions import InvalidValueError, LimitError
 from pepper_kin.motion import MinimumTorqueStatus, minimum_torque_trajectory
 from pepper_kin.motion.optimization.moving import Moving
 from pepper_kin.motion.optimization.wheel_term import WheelTerm
-from pepper_kin.trajectory.wheels import wheel_limits
+from pepper_kin.trajectory.balance import wheel_limits
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ from pepper_kin.motion import path_search
 from pepper_kin.motion.checks import LEAST_MARGIN, Checks
 from pepper_kin.motion.goals import ends_of
 from pepper_kin.motion.path_search import PathSearch
-from pepper_kin.motion.plan_request import PlanOptions, plan_request
+from pepper_kin.motion.plan_request import PlanOptions, PlanRequest
 from pepper_kin.motion.plan_result import Plan
 from pepper_kin.motion.planning import path_found
 from pepper_kin.motion.problem import COARSE, path_problem
@@ -74,13 +74,14 @@ def test_a_search_in_slices_is_the_same_whatever_is_computed_in_its_pauses():
         low, high = rng.uniform(lower, upper, (2, PEPPER.n))
         low[:3] = high[:3] = 0.0
         options = PlanOptions(seed=seed, timeout=0.3)
-        request = plan_request(PEPPER, low, high, TABLE, options)
+        asked = PlanRequest(PEPPER, low, high, TABLE, options)
+        request = asked.checked()
         ends = ends_of(request)
         if isinstance(ends, Plan):
             continue
         at_once = whole(path_found(request, ends))
         clock = PausedClock()
-        slices = path_found(plan_request(PEPPER, low, high, TABLE, options, now=clock.now), ends, clock)
+        slices = path_found(asked.checked(now=clock.now), ends, clock)
         while True:
             clock.resume(1e-6)
             try:

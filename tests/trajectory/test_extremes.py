@@ -9,7 +9,7 @@ from pepper_kin.collision import load_torque
 from pepper_kin.dynamics.load import Load
 from pepper_kin.trajectory import Trajectory, find_limit_violations
 from pepper_kin.trajectory.balance import balance_margin, support_polygon
-from pepper_kin.trajectory.extremes import extremes_of
+from pepper_kin.trajectory.examined_states import extremes_of
 from pepper_kin.trajectory.limits import jerk_limits
 
 

@@ -7,7 +7,7 @@ import pytest
 
 import pepper_kin as pk
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError
-from pepper_kin.trajectory.path import CubicPath, as_cubic_path, as_tangent_path
+from pepper_kin.trajectory.path import CubicPath, as_cubic_path, start_rates
 
 OPTIONS = {"velocity and acceleration": {"torque": False}, "torque": {}, "balance": {"balance": 0.0}}
 
@@ -41,7 +41,7 @@ def test_a_motion_begins_with_the_velocity_and_keeps_limits(pepper, name):
         certificate = motion.check(pepper, collisions=False, balance=options.get("balance"))
         unasked = {"torque"} & set(options) | {"balance"} - set(options)
         assert set(certificate.failures) <= unasked, certificate.report()
-        still = pk.retime(pepper, as_tangent_path(pepper, points, velocity)[0], **options)
+        still = pk.retime(pepper, as_cubic_path(pepper, points, (velocity, None)), **options)
         assert motion.duration < still.duration
 
 
@@ -52,7 +52,8 @@ def test_toppra_is_as_fast_from_the_same_speed(pepper):
     accelerations = np.stack([-pepper.acceleration_limits, pepper.acceleration_limits], axis=1)
     for points, velocity in cases(pepper, 6, torque=False):
         motion = pk.retime(pepper, points, start_velocity=velocity, torque=False, gridpoints=400)
-        curve, speed, _ = as_tangent_path(pepper, points, velocity)
+        curve = as_cubic_path(pepper, points, (velocity, None))
+        speed, _ = start_rates(curve, velocity, None)
         s = np.linspace(curve.breaks[0], curve.breaks[-1], 2000)
         segment = np.clip(np.searchsorted(curve.breaks, s, side="right") - 1, 0, len(curve.breaks) - 2)
         path = toppra.SplineInterpolator(s, curve.at(segment, s - curve.breaks[segment]))
@@ -175,7 +176,8 @@ def test_way_points_are_joined_by_a_spline_that_bends_as_the_acceleration_asks(p
     rng = np.random.default_rng(3)
     for scale in (0.0, 0.01, 0.1):
         acceleration = scale * (velocity @ velocity) * rng.normal(size=pepper.n)
-        curve, rate, change = as_tangent_path(pepper, points, velocity, acceleration)
+        curve = as_cubic_path(pepper, points, (velocity, acceleration))
+        rate, change = start_rates(curve, velocity, acceleration)
         _, tangent, bend, _ = curve.coefficients[0]
         np.testing.assert_allclose(rate * tangent, velocity, atol=1e-10)
         np.testing.assert_allclose(change * tangent + 2 * bend * rate**2, acceleration, atol=1e-9)
@@ -190,6 +192,6 @@ def test_way_points_are_joined_by_a_spline_that_bends_as_the_acceleration_asks(p
     curve = as_cubic_path(pepper, points)
     tangent = curve.coefficients[0, 1]
     with pytest.raises(InvalidValueError, match="start_acceleration"):
-        as_tangent_path(pepper, curve, 0.1 * tangent, np.roll(tangent, 1))
+        start_rates(curve, 0.1 * tangent, np.roll(tangent, 1))
     with pytest.raises(InfeasibleError, match="from rest"):
         pk.retime(pepper, points, jerk="gentle", start_velocity=20.0 * velocity, torque=False)

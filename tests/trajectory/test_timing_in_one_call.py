@@ -6,7 +6,7 @@ import pepper_kin as pk
 from pepper_kin.core.timing.kinks import find_kinks
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.trajectory.path import as_cubic_path
-from pepper_kin.trajectory.timing_problem import TimingProblem
+from pepper_kin.trajectory.time_optimal import TimingProblem
 
 PEPPER = pk.load_pepper()
 

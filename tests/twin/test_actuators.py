@@ -128,6 +128,12 @@ def test_torque_mode_gives_the_effort_and_takes_no_feedforward():
     state = machine.step(q + 1.0)
     assert state.torque[j] == 0.0
     assert abs(state.torque[3]) > 1.0
+    for feedforward in ("none", "inverse_dynamics"):
+        machine = Twin(pepper, actuators=params, feedforward=feedforward)
+        alone = machine.step(q)
+        machine.reset()
+        np.testing.assert_array_equal(machine.follow(q[None]).torque[1], alone.torque)
+        assert alone.torque[j] == 0.0
 
 
 @pytest.mark.parametrize("ticks", [1, 7])

@@ -1,4 +1,4 @@
-"""Bounds on second derivatives of torques, forces and speeds, derived at `pepper_kin.trajectory.rate_bounds`.
+"""Bounds on second derivatives of torques, forces and speeds; see `pepper_kin.trajectory.examined_states`.
 
 A bound on a vector and its derivatives is a row x_0 ... x_k; sums of vectors have the sums of the rows, and
 products those of Leibniz, (x y)_k = sum_i C(k, i) x_i y_{k-i}.

@@ -28,10 +28,10 @@ from pepper_kin.motion.optimization.moving import free_joints
 from pepper_kin.planners.optimization import Bounds, EffortStatus, OptimizationStatus, minimum_effort
 from pepper_kin.status import ResultStatus
 from pepper_kin.trajectory import Samples, Trajectory
-from pepper_kin.trajectory.limit_use import measure_use
+from pepper_kin.trajectory.active_limits import measure_use
+from pepper_kin.trajectory.balance import wheel_limits
 from pepper_kin.trajectory.limits import Limits
-from pepper_kin.trajectory.sampling import examination_step, sample_times
-from pepper_kin.trajectory.wheels import wheel_limits
+from pepper_kin.trajectory.samples import examination_step, sample_times
 
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene

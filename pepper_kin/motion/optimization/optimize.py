@@ -32,12 +32,11 @@ from pepper_kin.motion.plan_result import Plan
 from pepper_kin.motion.problem import checked_margin
 from pepper_kin.planners.optimization import FATROP, LocalResult, OptimizationStatus, check_no_timeout
 from pepper_kin.trajectory import Trajectory, retime
+from pepper_kin.trajectory.active_limits import measure_use, stretch_at_extremes
 from pepper_kin.trajectory.balance import moves_base
-from pepper_kin.trajectory.limit_use import measure_use, stretch_at_extremes
 from pepper_kin.trajectory.limits import JerkLike, Limits, MotionLimits, jerk_limits, motion_limits
 from pepper_kin.trajectory.path import PathLike
-from pepper_kin.trajectory.samples import refuse_other_joints
-from pepper_kin.trajectory.sampling import examination_step, sample_times
+from pepper_kin.trajectory.samples import examination_step, refuse_other_joints, sample_times
 
 if TYPE_CHECKING:
     from pepper_kin.motion.optimization.spline_problem import SplineProblem

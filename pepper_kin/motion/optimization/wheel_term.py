@@ -7,7 +7,7 @@ import numpy as np
 from pepper_kin.arrays import Array
 from pepper_kin.motion.optimization.moving import Moving
 from pepper_kin.planners.optimization import BarrierBound, Rows
-from pepper_kin.trajectory.wheels import WheelLimits
+from pepper_kin.trajectory.balance import WheelLimits
 
 _SMOOTH = 1e-3  # of the base's greatest speed: rounds off the corner that |v| has at rest
 
