@@ -143,48 +143,74 @@ def _draw(space: SearchSpace, trees: Trees, key: np.uint64) -> None:
 
 
 @compiled(lean=True)
-def _extend(
-    space: SearchSpace, trees: Trees, side: int, sample: FloatArray, diagonal: float, key: np.uint64
-) -> int:
-    """Extend a tree from its node nearest to a sample towards it; return the new node or -1.
+def _interruption(space: SearchSpace, trees: Trees, end: float, spare: int) -> int:
+    """Return TIME_UP, FULL if there may be no space for the nodes of one more iteration, or GOING_ON."""
+    counters = trees.counters
+    late = counters[ITERATIONS] % _CLOCK_EVERY == 0 and seconds_now(space.clock, counters[MOMENT:]) >= end
+    if late or counters[STOP] != 0:
+        return TIME_UP
+    return FULL if room(trees) < spare else GOING_ON
+
+
+@compiled(lean=True)
+def _choose_tree(counters: Ints1) -> int:
+    """Return the tree that grows: the other one than before, unless that is twice as large."""
+    side = counters[GROWING]
+    own, other = counters[START_SIZE + side], counters[GOAL_SIZE - side]
+    if abs(own - other) < _UNEVEN * own:
+        side = counters[GROWING] = 1 - side
+    return side
+
+
+@compiled(lean=True)
+def _choose_node(space: SearchSpace, trees: Trees, side: int, sample: FloatArray, key: np.uint64) -> int:
+    """Return the node of a tree nearest to a sample, -1 where its domain does not reach so far.
 
     Where paths have to be short, it is the nearest of the nodes that lead to the sample at a cost drawn
     between the least that is possible and the greatest that is of use.
     """
-    n, state, counters = sample.size, trees.rows[TARGET], trees.counters
-    allowed = math.inf
-    if trees.numbers[BOUND] < math.inf:
+    allowed, bound = math.inf, trees.numbers[BOUND]
+    if bound < math.inf:
         before, after = _from_root(space, trees, side, sample), _from_root(space, trees, 1 - side, sample)
-        if before + after >= trees.numbers[BOUND]:
+        if before + after >= bound:
             return -1
-        allowed = before + (trees.numbers[BOUND] - before - after) * uniform(key, counters[DRAWN])
-        counters[DRAWN] += 1
+        allowed = before + (bound - before - after) * uniform(key, trees.counters[DRAWN])
+        trees.counters[DRAWN] += 1
     near = _nearest(space, trees, side, sample, allowed)
-    if near < 0:
+    if near < 0 or trees.values[RADIUS, side, near] < math.sqrt(trees.squares[0]):
         return -1
-    origin, radii, reach = trees.states[side, near], trees.values[RADIUS, side], space.reach
-    if radii[near] < math.sqrt(trees.squares[0]):
-        return -1
-    apart = distance(origin, sample, space.weights)
+    return near
+
+
+@compiled(lean=True)
+def _step_towards(
+    space: SearchSpace, origin: FloatArray, sample: FloatArray, state: FloatArray, counters: Ints1
+) -> bool:
+    """Write the state one step from a node towards a sample; return whether the way there is valid."""
+    apart, reach = distance(origin, sample, space.weights), space.reach
     share = 1.0 if apart < reach else reach / apart
-    for i in range(n):
+    for i in range(state.size):
         state[i] = origin[i] + (sample[i] - origin[i]) * share
     steps = step_count(apart * share, space.resolution)
-    if last_valid_step(space, origin, state, steps, counters) < steps:
-        if radii[near] == math.inf:
-            radii[near] = _FIRST_RADIUS * diagonal
-        else:
-            radii[near] = max(radii[near] * (1.0 - _RADIUS_CHANGE), _LEAST_RADIUS * diagonal)
-        return -1
-    radii[near] *= 1.0 + _RADIUS_CHANGE
-    if trees.numbers[BOUND] < math.inf:
-        near = _better_parent(space, trees, side, near, key)
-    return _add(space, trees, side, near, state)
+    return last_valid_step(space, origin, state, steps, counters) == steps
+
+
+@compiled(lean=True)
+def _adapt_domain(radii: FloatArray, node: int, extended: bool, diagonal: float) -> None:
+    """Widen the ball of samples that a node is extended to, or narrow it where the extension failed."""
+    if extended:
+        radii[node] *= 1.0 + _RADIUS_CHANGE
+    elif radii[node] == math.inf:
+        radii[node] = _FIRST_RADIUS * diagonal
+    else:
+        radii[node] = max(radii[node] * (1.0 - _RADIUS_CHANGE), _LEAST_RADIUS * diagonal)
 
 
 @compiled(lean=True)
 def _better_parent(space: SearchSpace, trees: Trees, side: int, near: int, key: np.uint64) -> int:
-    """Return a node from which the state in rows[TARGET] is reached at lower cost, or the one given."""
+    """Return the parent of the state in rows[TARGET]: `near`, or a cheaper one for short paths."""
+    if trees.numbers[BOUND] == math.inf:
+        return near
     state, counters = trees.rows[TARGET], trees.counters
     least = _from_root(space, trees, side, state)
     cost = trees.values[COST, side, near] + distance(trees.states[side, near], state, space.weights)
@@ -327,31 +353,35 @@ def grow(space: SearchSpace, trees: Trees, seconds: float, key: np.uint64, itera
         FOUND (the trees meet at counters[START_NODE] and counters[GOAL_NODE]), GOING_ON if the iterations are
         used up, TIME_UP, or FULL if there may be no space for the nodes of one more iteration.
     """
-    counters, rows = trees.counters, trees.rows
-    place = counters[MOMENT:]
-    end = seconds_now(space.clock, place) + seconds
+    counters, sample, state = trees.counters, trees.rows[SAMPLE], trees.rows[TARGET]
+    end = seconds_now(space.clock, counters[MOMENT:]) + seconds
     diagonal = _diagonal(space)
     spare = step_count(diagonal, space.reach) + 2
     while counters[ITERATIONS] < iterations:
-        late = counters[ITERATIONS] % _CLOCK_EVERY == 0 and seconds_now(space.clock, place) >= end
-        if late or counters[STOP] != 0:
-            return TIME_UP
-        if room(trees) < spare:
-            return FULL
-        side = counters[GROWING]
-        own, other = counters[START_SIZE + side], counters[GOAL_SIZE - side]
-        if abs(own - other) < _UNEVEN * own:
-            side = counters[GROWING] = 1 - side
+        interruption = _interruption(space, trees, end, spare)
+        if interruption != GOING_ON:
+            return interruption
+
+        side = _choose_tree(counters)
         _draw(space, trees, key)
         counters[ITERATIONS] += 1
-        new = _extend(space, trees, side, rows[SAMPLE], diagonal, key)
         counters[TRIED + side] += 1
-        if new >= 0:
-            counters[GREW + side] += 1
-            meeting, goal = _connect(space, trees, side, new)
-            if meeting >= 0:
-                counters[START_NODE + side], counters[GOAL_NODE - side] = meeting, goal
-                return FOUND
+
+        near = _choose_node(space, trees, side, sample, key)
+        if near < 0:
+            continue
+        extended = _step_towards(space, trees.states[side, near], sample, state, counters)
+        _adapt_domain(trees.values[RADIUS, side], near, extended, diagonal)
+        if not extended:
+            continue
+        parent = _better_parent(space, trees, side, near, key)
+        new = _add(space, trees, side, parent, state)
+        counters[GREW + side] += 1
+
+        meeting, goal = _connect(space, trees, side, new)
+        if meeting >= 0:
+            counters[START_NODE + side], counters[GOAL_NODE - side] = meeting, goal
+            return FOUND
     return GOING_ON
 
 

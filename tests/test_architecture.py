@@ -244,6 +244,20 @@ def test_what_is_independent_of_robots_works_without_pinocchio_and_models(child)
     child(ENGINE_PROGRAM, *ORDER[: ORDER.index("model")], "kernels", "core", "planners")
 
 
+PLANNERS = {"pepper_kin.planners", "pepper_kin.planners.compiled", "pepper_kin.planners.optimization"}
+"""What the library imports of the planners: public names, and the inner steps that compiled callers use."""
+
+
+def test_the_library_imports_of_planners_what_they_offer():
+    used = set()
+    for path in ALL_FILES:
+        if package_of(path) != "planners":
+            found = {name for name in facts(path).modules if name.startswith("pepper_kin.planners")}
+            assert found <= PLANNERS, f"{path} imports {found - PLANNERS}"
+            used |= found
+    assert used == PLANNERS
+
+
 def test_only_the_command_line_imports_the_viewer():
     for path in ALL_FILES:
         if "viewer" in packages_imported(path) and path.name != "body_page.py":

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pepper_kin.kernels import compiled
-from pepper_kin.kernels.signatures import Floats1, Floats2
+from pepper_kin.kernels.signatures import Floats1
 
 MOST_SQUARED = 1e18
 """Square of the largest position, velocity, acceleration or torque (`MOST` of `model/joint_vectors.py`)."""
@@ -36,13 +36,3 @@ def are_two_plain(n: int, a: Floats1, b: Floats1) -> bool:
 def are_three_plain(n: int, a: Floats1, b: Floats1, c: Floats1) -> bool:
     """Whether three vectors have shape (n,) and are within range each."""
     return in_range(n, a) and in_range(n, b) and in_range(n, c)
-
-
-@compiled("boolean(float64[:, ::1])")
-def is_finite(a: Floats2) -> bool:
-    """Whether all elements of a matrix, shape (m, n), are finite."""
-    total = 0.0
-    for i in range(a.shape[0]):
-        for j in range(a.shape[1]):
-            total += a[i, j] * 0.0
-    return total == 0.0

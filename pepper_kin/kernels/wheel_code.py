@@ -46,16 +46,6 @@ def wheel_part(name: str, key: str) -> tuple[bytes, Target] | None:
     return content, index.target
 
 
-def wheel_keys(path: Path | None = None) -> dict[str, str]:
-    """Return key -> name of what a file holds, for any processor; empty without a file.
-
-    Args:
-        path: The file; that of the package if left out.
-    """
-    read = _read_head(path or wheel_code_path())
-    return {} if read is None else {key: name for key, (name, *_) in read[0]["entries"].items()}
-
-
 def write_wheel_code(parts: Mapping[str, tuple[str, bytes]], target: Target, path: Path) -> int:
     """Write a file.
 

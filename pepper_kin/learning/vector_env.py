@@ -20,7 +20,7 @@ from pepper_kin.learning.task import STEPS, RobotTask
 from pepper_kin.learning.tasks import task_named
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.joint_vectors import check_choice, check_seed, check_whole
-from pepper_kin.planners.sampling import stream_key
+from pepper_kin.planners.compiled import stream_key
 
 T = TypeVar("T")
 _LOST = 1.0  # [m] counted for each step that a lost episode would have had

@@ -21,7 +21,7 @@ from pepper_kin.core.collision.curve_check import SHORTEST, MotionCheck, kept_ma
 from pepper_kin.core.collision.gjk import TIE
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.motion.static_limits import StaticLimits
-from pepper_kin.planners.deadline import load_code
+from pepper_kin.planners.compiled import load_code
 
 LEAST_MARGIN = 1e-4
 """A margin smaller than this counts as none [m]."""

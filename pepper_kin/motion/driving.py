@@ -23,7 +23,7 @@ from pepper_kin.motion.path_search import PathSearch
 from pepper_kin.motion.plan_request import CheckedRequest, base_places
 from pepper_kin.motion.plan_result import Plan, PlanStatus
 from pepper_kin.motion.problem import COARSE, Ends, PathProblem
-from pepper_kin.planners.smooth import power_basis
+from pepper_kin.planners.compiled import power_basis
 from pepper_kin.trajectory.path import CubicPath
 
 SPACINGS = (0.2, 0.1, 0.05)

@@ -50,8 +50,7 @@ from pepper_kin.kernels.signatures import Floats1, Floats2, Ints1
 from pepper_kin.kernels.working_time import on_perf_counter, working_time
 from pepper_kin.model import PepperModel
 from pepper_kin.motion.checks import LEAST_MARGIN, Checks
-from pepper_kin.planners.deadline import load_code
-from pepper_kin.planners.sampling import stream_key, uniform
+from pepper_kin.planners.compiled import load_code, stream_key, uniform
 
 GOALS = 4
 """Solutions that are kept at most."""

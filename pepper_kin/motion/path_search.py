@@ -27,29 +27,47 @@ from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Ints1
 from pepper_kin.motion.problem import PathProblem
 from pepper_kin.motion.waypoints import Way, way_near, way_through
-from pepper_kin.planners.deadline import PausedClock, Slices, whole
-from pepper_kin.planners.motion_validator import machine_code_of
-from pepper_kin.planners.rejoin import Route, shortest_end
-from pepper_kin.planners.rrt_connect import LONGEST_STEP, Search
-from pepper_kin.planners.sampling import stream_key
-from pepper_kin.planners.search_space import CALLS, ITERATIONS, STATES, SearchSpace, last_valid_step, measure
-from pepper_kin.planners.shortcut import (
+from pepper_kin.planners.compiled import (
+    CALLS,
     FLAT,
+    FOUND,
     GAINED,
+    GOAL,
+    ITERATIONS,
+    LINE_FULL,
+    LONGEST_STEP,
+    ROUND,
     SIZE,
+    STATES,
     STREAM,
-    TIME_UP,
+    WAY_POINTS,
+    PathEnds,
+    PausedClock,
     Polyline,
+    Route,
+    Search,
+    SearchSpace,
+    Slices,
+    Trees,
     drop_flat,
+    first_round,
+    grown,
+    last_valid_step,
+    machine_code_of,
+    measure,
     new_polyline,
+    schoenberg_spline,
     shorten,
+    shortest_end,
+    sine_waypoints,
     skip_ahead,
     straighten_each,
+    stream_key,
+    take_trees,
+    whole,
+    with_room,
 )
-from pepper_kin.planners.shortcut import FULL as LINE_FULL
-from pepper_kin.planners.smooth import schoenberg_spline, sine_waypoints
-from pepper_kin.planners.tree import FOUND, Trees, grown, take_trees, with_room
-from pepper_kin.planners.tree_growth import GOAL, ROUND, WAY_POINTS, PathEnds, first_round
+from pepper_kin.planners.compiled import LINE_TIME_UP as TIME_UP
 from pepper_kin.trajectory.path import LIMIT_TOLERANCE, SAME, known_path
 
 SHORTCUTS_TO_COMPARE, GAIN_TO_COMPARE, GAIN_OF_OTHER = 40, 0.02, 0.01

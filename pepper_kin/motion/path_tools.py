@@ -26,7 +26,7 @@ from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
 from pepper_kin.motion.problem import RESOLUTION, checked_margin, path_problem
 from pepper_kin.motion.static_limits import static_limits
 from pepper_kin.motion.validation import validate
-from pepper_kin.planners.deadline import load_code
+from pepper_kin.planners.compiled import load_code
 from pepper_kin.trajectory import Trajectory
 from pepper_kin.trajectory.path import CubicPath, PlannedPath, planned_curve
 

@@ -30,18 +30,27 @@ from pepper_kin.motion.path_search import run
 from pepper_kin.motion.plan_result import Ending
 from pepper_kin.motion.problem import check_robot, checked_start
 from pepper_kin.motion.static_limits import static_limits
-from pepper_kin.planners.cbirrt import grow as grow_on_manifold
-from pepper_kin.planners.cbirrt import walk
-from pepper_kin.planners.constraint_manifold import edges_hold, measure_rows, project_rows
-from pepper_kin.planners.cost_descent import descend, measure_costs, price_at, shorten_by_cost
-from pepper_kin.planners.deadline import load_code
-from pepper_kin.planners.rejoin import shortest_end
-from pepper_kin.planners.search_space import last_valid_step
-from pepper_kin.planners.shortcut import drop_flat, shorten
-from pepper_kin.planners.transition_rrt import grow as grow_by_cost
-from pepper_kin.planners.tree import trace
-from pepper_kin.planners.tree_growth import first_round, grow
-from pepper_kin.planners.vectors import seed_number
+from pepper_kin.planners.compiled import (
+    descend,
+    drop_flat,
+    edges_hold,
+    first_round,
+    grow,
+    grow_by_cost,
+    grow_on_manifold,
+    last_valid_step,
+    load_code,
+    measure_costs,
+    measure_rows,
+    price_at,
+    project_rows,
+    seed_number,
+    shorten,
+    shorten_by_cost,
+    shortest_end,
+    trace,
+    walk,
+)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

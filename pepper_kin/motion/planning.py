@@ -38,8 +38,7 @@ from pepper_kin.motion.plan_result import Plan, PlanStatus
 from pepper_kin.motion.problem import COARSE, RESOLUTION, Ends, PathProblem
 from pepper_kin.motion.smoothed_plan import refuse_costs, smoothed
 from pepper_kin.motion.waypoints import Way
-from pepper_kin.planners.aorrtc import checked_gap
-from pepper_kin.planners.deadline import PausedClock, Slices, whole
+from pepper_kin.planners.compiled import PausedClock, Slices, checked_gap, whole
 
 PLANNERS = ("rrt_connect", "aorrtc")
 

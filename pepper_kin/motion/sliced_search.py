@@ -15,7 +15,7 @@ from pepper_kin.motion.goals import ends_of
 from pepper_kin.motion.plan_request import PlanOptions, PlanRequest, moves_base
 from pepper_kin.motion.plan_result import Plan
 from pepper_kin.motion.planning import path_found
-from pepper_kin.planners.deadline import PausedClock, Slices
+from pepper_kin.planners.compiled import PausedClock, Slices
 from pepper_kin.trajectory import Trajectory, retime
 
 MOST_SLICES, LONGEST = 20, 0.3

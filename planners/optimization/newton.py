@@ -53,22 +53,6 @@ def measure_cost(tables: Tables, work: Workspace, control: Floats2, duration: fl
     return add_costs(tables, work, control, duration)
 
 
-@compiled("boolean(Tables, Workspace, float64[:, ::1], float64, float64)", lean=True)
-def fill_equations(tables: Tables, work: Workspace, control: Floats2, duration: float, mu: float) -> bool:
-    """Write Newton's equations [[A, b], [b^T, c]] (x, t) = -(g, s) of a motion; see `fill_system`.
-
-    x are the inner control points, of which `work` receives A as `band`, g as `right` and b as `border`, and
-    t the duration, of which it receives c and s as numbers.
-    """
-    return fill_system(tables, work, control, duration, (mu, mu))
-
-
-@compiled("boolean(Workspace, float64, boolean)", lean=True)
-def solve_equations(work: Workspace, damping: float, free_duration: bool) -> bool:
-    """Solve Newton's equations; see `solve_system`."""
-    return solve_system(work, damping, free_duration)
-
-
 @compiled(lean=True)
 def _try_lengths(tables: Tables, work: Workspace, value: float) -> float:
     """Move by the first of 1, 1/2, 1/4 ... of the step that stays inside and lowers the merit.

@@ -6,12 +6,12 @@ import pytest
 
 import pepper_kin as pk
 from pepper_kin.exceptions import FileFormatError
-from pepper_kin.urdf.visuals.stl import corners_from_bytes
+from pepper_kin.urdf.visuals.stl import FACET
 
 
 def vertices_of(shape):
     """Corners of a visual mesh in its link's frame."""
-    corners = corners_from_bytes(Path(shape.geometry.path).read_bytes(), shape.name).reshape(-1, 3)
+    corners = np.fromfile(shape.geometry.path, FACET, offset=84)["corners"].astype(float).reshape(-1, 3)
     pose = shape.transform_shape_to_link
     return corners @ pose[:3, :3].T + pose[:3, 3]
 

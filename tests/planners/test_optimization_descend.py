@@ -14,7 +14,7 @@ from pepper_kin.planners.optimization import (
     Weights,
     descend,
 )
-from pepper_kin.planners.optimization.newton import fill_equations, solve_equations
+from pepper_kin.planners.optimization.system import fill_system, solve_system
 from pepper_kin.planners.optimization.tables import CORNER, FALL, SLOPE, STEP
 
 FREE = np.full(2, np.inf)
@@ -155,7 +155,7 @@ def test_goes_round_a_disc_on_the_shortest_way():
 def system_of(objective, control, duration, mu):
     """Band, right-hand side, border, corner and slope of Newton's equations."""
     work = objective.workspace
-    assert fill_equations(objective.tables, work, np.ascontiguousarray(control), duration, mu)
+    assert fill_system(objective.tables, work, np.ascontiguousarray(control), duration, (mu, mu))
     numbers = work.numbers[CORNER], work.numbers[SLOPE]
     return work.band[: work.right.size].copy(), work.right.copy(), work.border.copy(), *numbers
 
@@ -202,7 +202,7 @@ def test_banded_solution_agrees_with_a_dense_one():
     right = np.append(gradient, slope)
     expected = -np.linalg.solve(dense, right)
     work = objective.workspace
-    assert solve_equations(work, 0.0, True)
+    assert solve_system(work, 0.0, True)
     np.testing.assert_allclose(np.append(work.step, work.numbers[STEP]), expected, rtol=1e-6, atol=1e-9)
     assert work.numbers[FALL] == pytest.approx(right @ expected)
 

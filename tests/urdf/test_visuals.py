@@ -11,7 +11,7 @@ import xacro
 from pepper_kin.urdf.visuals.build import MACROS_FILE, MESH_FOLDER, files, visuals
 from pepper_kin.urdf.visuals.measurements import features, link_shape
 from pepper_kin.urdf.visuals.part import MATERIALS
-from pepper_kin.urdf.visuals.stl import corners_from_bytes
+from pepper_kin.urdf.visuals.stl import FACET
 
 BUDGET_BYTES = 2_500_000
 OUTSIDE, SHORT = 0.003, 0.005  # [m] beyond the measured box, and away from its faces
@@ -26,7 +26,7 @@ SINGLE_LINKS = {
 
 
 def _corners(path: Path) -> np.ndarray:
-    return corners_from_bytes(path.read_bytes(), path.name)
+    return np.fromfile(path, FACET, offset=84)["corners"].astype(float)
 
 
 def _signed_volume(corners: np.ndarray) -> float:

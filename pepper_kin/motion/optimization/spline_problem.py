@@ -24,7 +24,8 @@ from pepper_kin.motion.optimization.moving import Moving, free_joints
 from pepper_kin.motion.optimization.range_term import RangeTerm, range_rows
 from pepper_kin.motion.optimization.torque_term import TorqueTerm
 from pepper_kin.motion.optimization.wheel_term import WheelTerm
-from pepper_kin.planners.deadline import load_code
+from pepper_kin.planners.compiled import load_code, measure_cost, measure_motion
+from pepper_kin.planners.compiled import search_spline as search
 from pepper_kin.planners.optimization import (
     Bounds,
     LocalResult,
@@ -35,7 +36,6 @@ from pepper_kin.planners.optimization import (
     descend,
     descend_by,
 )
-from pepper_kin.planners.optimization.newton import measure_cost, measure_motion, search
 from pepper_kin.trajectory import Trajectory
 from pepper_kin.trajectory.limits import Limits
 
