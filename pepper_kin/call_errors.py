@@ -16,7 +16,7 @@ _OPTIONS = 2
 """Arguments with a default from which on a function's calls are looked at: those without run as they are."""
 
 
-_QUICK = {f"pepper_kin.{name}" for name in ("batch", "collision", "kinematics")}
+_QUICK = {f"pepper_kin.{name}" for name in ("batch", "collision", "dynamics", "kinematics")}
 """Packages whose functions take a few microseconds, and half as much again if they answered."""
 _STEPS = {"step"}
 """Methods of loops."""

@@ -80,10 +80,6 @@ MISTAKES = {
     "frame's name": (lambda: pk.kinematics.frame_pose(PEPPER, STAND, "hand"), "available: .*LArm_effector"),
     "planner's name": (lambda: pk.plan(PEPPER, STAND, NOD, planner="rrt"), "rrt_connect"),
     "too few joints": (lambda: pk.dynamics.gravity_torque(PEPPER, STAND[:5]), "15.*KneePitch"),
-    "payload of dynamics": (
-        lambda: pk.dynamics.inverse_dynamics(PEPPER, STAND, STAND, STAND, payload={EFFECTOR: 0.3}),
-        "takes no argument 'payload'.*forces",
-    ),
     "NaN": (lambda: pk.dynamics.gravity_torque(PEPPER, np.where(STAND > 1, np.nan, STAND)), "LShoulderPitch"),
     "text for joints": (lambda: pk.plan(PEPPER, STAND, "Stand!"), "did you mean 'Stand'|expected"),
     "negative size": (lambda: pk.Scene().add_box("b", size=(-1, 1, 1), position=(1, 0, 0)), "size.*-1"),
