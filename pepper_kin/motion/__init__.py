@@ -48,8 +48,7 @@ from pepper_kin.motion.optimization.optimized import Optimized, OptimizedStatus
 from pepper_kin.motion.path_costs import CostAlong, PathCost
 from pepper_kin.motion.path_tools import interpolate_path, simplify_path
 from pepper_kin.motion.plan_result import Plan, PlanStatus
-from pepper_kin.motion.planning import plan
-from pepper_kin.motion.replanning import replan
+from pepper_kin.motion.planning import plan, replan
 from pepper_kin.motion.retargeting import Retargeted, RetargetStatus, retarget
 from pepper_kin.motion.sequence import PTP, sequence
 from pepper_kin.motion.validation import Validation, ValidationStatus, validate

@@ -17,7 +17,6 @@ from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, check_positive, check_seed, check_whole
 from pepper_kin.model.requirements import Balance, TorqueScale
 from pepper_kin.motion.checks import LEAST_MARGIN, Checks, checks_for
-from pepper_kin.motion.dense_states import AnyPath, checked_path, dense_states, polyline
 from pepper_kin.motion.goals import STAYS, free_joints
 from pepper_kin.motion.margins import narrowest
 from pepper_kin.motion.path_search import PathSearch, run
@@ -25,7 +24,7 @@ from pepper_kin.motion.plan_request import moves_base
 from pepper_kin.motion.plan_result import Ending, Plan, PlanStatus
 from pepper_kin.motion.problem import RESOLUTION, checked_margin, path_problem
 from pepper_kin.motion.static_limits import static_limits
-from pepper_kin.motion.validation import validate
+from pepper_kin.motion.validation import AnyPath, checked_path, dense_states, polyline, validate
 from pepper_kin.planners.compiled import load_code
 from pepper_kin.trajectory import Trajectory
 from pepper_kin.trajectory.path import CubicPath, PlannedPath, planned_curve

@@ -1,4 +1,4 @@
-"""Planning of a collision-free path from a start to a goal in a scene."""
+"""Planning of a collision-free path from a start to a goal in a scene, and to a new goal in motion."""
 
 from __future__ import annotations
 
@@ -7,23 +7,25 @@ from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from pepper_kin import planners
+from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
-from pepper_kin.collision.checked_world import LEFT_EMPTY, is_left_empty
-from pepper_kin.exceptions import InvalidValueError, MissingDependencyError
+from pepper_kin.collision.checked_world import LEFT_EMPTY, checked_world, is_left_empty
+from pepper_kin.exceptions import InfeasibleError, InvalidValueError, MissingDependencyError
 from pepper_kin.ik import Task, TaskGroup
 from pepper_kin.kernels.working_time import working_time
 from pepper_kin.model import PepperModel
+from pepper_kin.model.joint_vectors import as_joint_vector, check_within_limits
 from pepper_kin.model.requirements import Balance, TorqueScale
-from pepper_kin.motion.alternative_goals import are_alternatives, plan_to_any
 from pepper_kin.motion.constrained_plan import constrained_path
 from pepper_kin.motion.costed_plan import costed_path
 from pepper_kin.motion.driving import plan_drive
-from pepper_kin.motion.goals import ends_of
+from pepper_kin.motion.goals import are_alternatives, ends_of, plan_to_any
 from pepper_kin.motion.margins import falling_problems, narrowest, relaxation_sentence
-from pepper_kin.motion.moving_plan import plan_in_motion
+from pepper_kin.motion.moving_plan import plan_in_motion, way_on
 from pepper_kin.motion.obstruction import why_no_path
 from pepper_kin.motion.path_costs import PathCost
 from pepper_kin.motion.path_search import LEAST_GAIN, SHORTCUTS, PathSearch, compared
@@ -39,6 +41,9 @@ from pepper_kin.motion.problem import COARSE, RESOLUTION, Ends, PathProblem
 from pepper_kin.motion.smoothed_plan import refuse_costs, smoothed
 from pepper_kin.motion.waypoints import Way
 from pepper_kin.planners.compiled import PausedClock, Slices, checked_gap, whole
+from pepper_kin.trajectory import Splice, Trajectory
+from pepper_kin.trajectory.limits import JerkLike
+from pepper_kin.trajectory.splice import MovingStart
 
 PLANNERS = ("rrt_connect", "aorrtc")
 
@@ -366,3 +371,63 @@ def _left(begin: float, timeout: float) -> float:
 def _to_a_goal(better: planners.Result, first: planners.Result) -> planners.Result:
     """Return a result that names the goal of the path that it began with where that is still its end."""
     return replace(better, goal_index=first.goal_index) if better.goal_index is None else better
+
+
+def replan(
+    pepper: PepperModel,
+    trajectory: Trajectory,
+    at: float,
+    goal: ArrayLike,
+    scene: Scene | None = None,
+    *,
+    torque: bool = True,
+    torque_scale: TorqueScale = "robot",
+    balance: Balance = "robot",
+    margin: float = 0.01,
+    seed: int = 0,
+    timeout: float = 1.0,
+    jerk: JerkLike | None = None,
+) -> Splice:
+    """Return a motion with a new goal from an instant on, by a planned way where others are not free.
+
+    Straight, as `Trajectory.replaced` does, if that keeps all limits and touches nothing.  Else a path is
+    planned from where the motion can stop, or, where something is in the way of that, from where it is; timed
+    from rest to rest; and joined in motion, as by `Trajectory.replaced`.  Where no way onto it was found, a
+    straight way is tried with lower accelerations; else the robot stops first, and `Splice.how` says so.
+
+    Args:
+        pepper: The robot, which gives the limits.
+        trajectory: The motion.
+        at: The instant [s].
+        goal: Joint positions [rad or m], shape (n,).
+        scene: The world around the robot, with what it holds; None for the robot alone.
+        torque: Whether to keep within the effort limits.
+        torque_scale: As in `retime`.
+        balance: As in `retime` [m].
+        margin: Distance that the planned path keeps to all things [m], as in `plan`.
+        seed: Seed of the search.
+        timeout: Time that the search may take [s].
+        jerk: As in `retime`, for a motion that is to have continuous accelerations.
+
+    Raises:
+        InvalidValueError: as for `Trajectory.replaced` and `plan`.
+        LimitError: for a goal outside the position limits.
+        InfeasibleError: where no path was found, or none that the robot gets onto, saying why.
+    """
+    world = checked_world(scene)
+    goal = np.array(as_joint_vector(pepper, goal, "goal"))
+    check_within_limits(pepper, goal, "goal", 1e-9)
+    reserve: dict[str, Any] = {"torque_scale": torque_scale, "balance": balance}
+    limits = {"torque": torque, "jerk": jerk, **reserve}
+    moving = MovingStart(pepper, trajectory, at, world, **limits)
+
+    def search(begin: Array) -> Plan:
+        return plan(pepper, begin, goal, world, margin=margin, seed=seed, timeout=timeout, **reserve)
+
+    found, way = way_on(moving, goal[None], search, **limits)
+    if found is None and way is not None and not way.success:
+        raise InfeasibleError("splice", way.message, way.advice)
+    if found is None:
+        reason = "something is in the way of a stop, and no way past it was found"
+        raise InfeasibleError("splice", reason, "an earlier instant, or stop(how='joints')")
+    return found

@@ -1,4 +1,4 @@
-"""What the wheels allow: balance over their triangle, their speeds and accelerations, the base's speed."""
+"""Limits of the wheels: balance over their triangle, their speeds and accelerations, the base's own speed."""
 
 from __future__ import annotations
 

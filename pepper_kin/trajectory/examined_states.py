@@ -1,4 +1,4 @@
-"""What a motion does between the states that are looked at: extremes, bounds on rates, the least clearance.
+"""Motions between the states that are examined: extremes, bounds on rates, the least clearance.
 
 Extremes are those of piecewise polynomials over their whole length, not of samples: the greatest Bernstein
 coefficient of a piece bounds it, and pieces are halved until none is above the greatest value found by more

@@ -121,6 +121,7 @@ class TwinBatch:
             loads=loads_of_all(pepper, self.count, payload, scene_of(world) if scene is None else scene),
         )
         self._torque_mode = self.actuators.in_mode(TORQUE)
+        self._effort_mode = self._torque_mode if self._torque_mode.any() else None
         self._delay = Delay(round(self.actuators.latency / self.timestep))
         self._late = self._ticks(self.actuators.latency if late is None else late)
         if 0 < self._late.max() * self.timestep <= GREATEST_LATENCY:  # a later one is for `follow` alone
@@ -489,7 +490,7 @@ class TwinBatch:
 
     def _command(self, references: References) -> Command:
         """Return what the actuators are sent for references."""
-        return references.command(self.pepper, self.feedforward, self._torque_mode)
+        return references.command(self.pepper, self.feedforward, self._effort_mode)
 
     def _bodies(self, name: str) -> BatchWorld:
         if self._world is None:

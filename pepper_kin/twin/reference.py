@@ -55,18 +55,20 @@ class References(NamedTuple):
         pairs = zip(cls._fields, values, strict=True)
         return cls(*(zero if value is None else check(value, name) for name, value in pairs))
 
-    def command(self, pepper: PepperModel, feedforward: str, torque_mode: NDArray[np.bool_]) -> Command:
+    def command(
+        self, pepper: PepperModel, feedforward: str, torque_mode: NDArray[np.bool_] | None
+    ) -> Command:
         """Return what actuators are sent.
 
         Args:
             pepper: The robot.
             feedforward: One of `FEEDFORWARDS` of the twin.
-            torque_mode: Which joints take the effort, shape (n,).
+            torque_mode: Which joints take the effort, shape (n,); None for none.
         """
-        forward: Array = np.zeros(self.position.shape)
-        if feedforward == "inverse_dynamics":
-            forward = dynamics.inverse_dynamics(pepper, self.position, self.velocity, self.acceleration)
-        return Command(self.position, self.velocity, np.where(torque_mode, self.effort, forward))
+        q, v, a, effort, _ = self
+        inverse = feedforward == "inverse_dynamics"
+        forward: Array = dynamics.inverse_dynamics(pepper, q, v, a) if inverse else np.zeros(q.shape)
+        return Command(q, v, forward if torque_mode is None else np.where(torque_mode, effort, forward))
 
 
 def sampled(pepper: PepperModel, trajectory: Trajectory, hold_time: float, timestep: float) -> References:

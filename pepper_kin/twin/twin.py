@@ -105,6 +105,7 @@ class Twin:
         )
         self._runner = SegmentRunner(pepper, self._integrator, self.substeps)
         self._torque_mode = self.actuators.in_mode(TORQUE)
+        self._effort_mode = self._torque_mode if self._torque_mode.any() else None
         self._rest = read_only(np.zeros(pepper.n))
         self._pushes: tuple[Push, ...] = ()
         self._step = 0
@@ -318,7 +319,7 @@ class Twin:
 
     def _command(self, references: References) -> Command:
         """Return what the actuators are sent for references."""
-        return references.command(self.pepper, self.feedforward, self._torque_mode)
+        return references.command(self.pepper, self.feedforward, self._effort_mode)
 
     def _follow(
         self,
