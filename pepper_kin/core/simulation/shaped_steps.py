@@ -77,7 +77,7 @@ class Sent(NamedTuple):
     waiting: Floats3
 
 
-class Surroundings(NamedTuple):
+class RobotWorlds(NamedTuple):
     """What N robots find around themselves, each in a separate world.
 
     Attributes:
@@ -97,7 +97,7 @@ class Surroundings(NamedTuple):
     lever: Floats1
 
 
-NO_BODIES = Surroundings(
+NO_BODIES = RobotWorlds(
     np.zeros((0, 0, BODY)), np.zeros((0, 6)), np.zeros(0, np.int64), np.zeros(0), np.zeros(0)
 )
 """Of robots without a world."""
@@ -106,17 +106,17 @@ NO_BODIES = Surroundings(
 class _Around(NamedTuple):
     """What is around robots: bodies, a world's tables, and memory for a robot's position and equation."""
 
-    bodies: Surroundings
+    bodies: RobotWorlds
     world: WorldTables
     equation: FreeStep
     position: Floats1
 
 
 @compiled(
-    "void(Steps, RobotTables, StepWorkspace, float64[:, :, ::1], Sent, Surroundings, WorldTables, int64[::1])"
+    "void(Steps, RobotTables, StepWorkspace, float64[:, :, ::1], Sent, RobotWorlds, WorldTables, int64[::1])"
 )
 def shaped_steps(
-    span: Steps, robots: RobotTables, space: StepWorkspace, state: Floats3, sent: Sent, bodies: Surroundings,
+    span: Steps, robots: RobotTables, space: StepWorkspace, state: Floats3, sent: Sent, bodies: RobotWorlds,
     world: WorldTables, good: Ints1,
 ) -> None:  # fmt: skip
     """Send robots to their targets for some steps.
@@ -261,7 +261,7 @@ def _exchange(b: int, now: int, sent: Sent, step_input: Floats1) -> None:
 
 
 @compiled(lean=True)
-def _moved(robot: int, bodies: Surroundings, world: WorldTables, v: Floats1, h: float) -> float:
+def _moved(robot: int, bodies: RobotWorlds, world: WorldTables, v: Floats1, h: float) -> float:
     """Return by how much robot and bodies come nearer at most in h, at velocities v of shape (n,) [m]."""
     fastest, turning = 0.0, 0.0
     for j in range(v.size):
@@ -279,7 +279,7 @@ def _moved(robot: int, bodies: Surroundings, world: WorldTables, v: Floats1, h: 
 
 
 @compiled(lean=True)
-def _enter(robot: int, bodies: Surroundings, world: WorldTables) -> None:
+def _enter(robot: int, bodies: RobotWorlds, world: WorldTables) -> None:
     """Put a robot's bodies into the tables of the world, and clear the forces."""
     rows, table, shapes = bodies.rows, world.bodies, world.shapes
     for body in range(rows.shape[1]):
@@ -298,7 +298,7 @@ def _enter(robot: int, bodies: Surroundings, world: WorldTables) -> None:
 
 
 @compiled(lean=True)
-def _leave(robot: int, bodies: Surroundings, world: WorldTables) -> None:
+def _leave(robot: int, bodies: RobotWorlds, world: WorldTables) -> None:
     """Take a robot's bodies from the tables of the world."""
     rows, table = bodies.rows, world.bodies
     for body in range(rows.shape[1]):
