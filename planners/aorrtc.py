@@ -108,7 +108,7 @@ def aorrtc(
     trees = take_trees(task.n)
     with machine_code_of(task, deadline, counters=trees.counters) as code:
         search = Search(task, code, trees, seed, step)
-        run = _Run(task, search, deadline, seed, gap)
+        run = _BestPath(task, search, deadline, seed, gap)
         if path is None:
             status = search.run(deadline, most)
             if status is not Status.SOLVED:
@@ -179,7 +179,7 @@ class _Stage:
         return self.waiting.pop(0) if rank < max(len(self.lengths) // _STAGE_FACTOR, least) else None
 
 
-class _Run:
+class _BestPath:
     """The best path so far, and how it is made shorter.
 
     Where two paths pass obstacles on different sides, short-cuts lead neither to the other, and which is the

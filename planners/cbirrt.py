@@ -15,9 +15,9 @@ from pepper_kin.kernels.signatures import Floats1, Floats2, Ints1
 
 from .constraint_manifold import (
     INNER,
+    BoxedManifold,
     ConstraintManifold,
     OnSurface,
-    Surface,
     edges_hold,
     extend,
     measure_rows,
@@ -59,7 +59,7 @@ _LONGEST = 4.0  # of the diagonal: length of a walk of whole steps
 _SHUT_IN_SAMPLES, _SHUT_IN_NODES, _SHUT_IN_RATE = 1000, 10, 0.002  # from, below, or below, for each sample
 
 
-class Workspace(NamedTuple):
+class WalkWorkspace(NamedTuple):
     """Where walks are written, and what is counted.
 
     Attributes:
@@ -215,12 +215,12 @@ def _failed(trees: Trees, late: bool) -> _Candidate:
 
 @compiled(
     "Tuple(int64, boolean)"
-    "(SearchSpace, Surface, Workspace, float64, float64[::1], float64[::1], boolean, float64)"
+    "(SearchSpace, BoxedManifold, WalkWorkspace, float64, float64[::1], float64[::1], boolean, float64)"
 )
 def walk(
     space: SearchSpace,
-    surface: Surface,
-    workspace: Workspace,
+    surface: BoxedManifold,
+    workspace: WalkWorkspace,
     seconds: float,
     origin: Floats1,
     target: Floats1,
@@ -279,10 +279,10 @@ def add_chain(space: SearchSpace, trees: Trees, side: int, node: int, chain: Flo
 @compiled
 def _extend(
     space: SearchSpace,
-    surface: Surface,
+    surface: BoxedManifold,
     trees: Trees,
     side: int,
-    workspace: Workspace,
+    workspace: WalkWorkspace,
     seconds: float,
     target: Floats1,
     exact: bool,
@@ -295,12 +295,12 @@ def _extend(
     return (last if count > 0 else -1), reached
 
 
-@compiled("int64(SearchSpace, Surface, Trees, Workspace, float64[::1], uint64, int64)")
+@compiled("int64(SearchSpace, BoxedManifold, Trees, WalkWorkspace, float64[::1], uint64, int64)")
 def grow(
     space: SearchSpace,
-    surface: Surface,
+    surface: BoxedManifold,
     trees: Trees,
-    workspace: Workspace,
+    workspace: WalkWorkspace,
     seconds: Floats1,
     key: np.uint64,
     iterations: int,
@@ -375,12 +375,12 @@ class Explorer:
             problem: Box, metric, validity and resolution.
             manifold: The manifold.
             deadline: Time budget.
-            counters: Where to count, see `Workspace`.
+            counters: Where to count, see `WalkWorkspace`.
         """
         n, resolution = problem.n, problem.spacing
         steps = min(int(_LONGEST * problem.diagonal / resolution) + 1, _MOST_STEPS)
         counters = np.zeros(STOP + 1, dtype=np.int64) if counters is None else counters
-        self.workspace = Workspace(np.empty((steps, n)), np.empty(n), counters)
+        self.workspace = WalkWorkspace(np.empty((steps, n)), np.empty(n), counters)
         self.deadline, self.resolution = deadline, resolution
         self._problem, self._contexts = problem, ExitStack()
         self._surface = OnSurface(manifold, problem.lower, problem.upper, problem.metric.weights)

@@ -20,7 +20,7 @@ from .deadline import PausedClock, Slices, load_code, whole
 from .motion_validator import machine_code_of
 from .optimization.newton import measure_cost, measure_motion
 from .optimization.newton import search as search_spline
-from .rejoin import Route, shortest_end
+from .rejoin import PathTable, shortest_end
 from .rrt_connect import LONGEST_STEP, Search
 from .sampling import stream_key, uniform
 from .search_space import CALLS, ITERATIONS, STATES, SearchSpace, last_valid_step, measure
@@ -60,9 +60,9 @@ __all__ = [
     "STREAM",
     "WAY_POINTS",
     "PathEnds",
+    "PathTable",
     "PausedClock",
     "Polyline",
-    "Route",
     "Search",
     "SearchSpace",
     "Slices",

@@ -39,7 +39,7 @@ _STEP = 0.9  # of the resolution
 _PROGRESS = 0.05  # of a step
 
 
-class Surface(NamedTuple):
+class BoxedManifold(NamedTuple):
     """A manifold within a box, and scratch space of one thread.
 
     Attributes:
@@ -237,7 +237,7 @@ class OnSurface:
         self._error: BaseException | None = None
         self._stop = np.zeros(1, dtype=np.int64)
 
-    def __enter__(self) -> Surface:
+    def __enter__(self) -> BoxedManifold:
         """Return what machine code takes."""
         code = self._manifold.function
         if not isinstance(code, CompiledManifold):
@@ -282,7 +282,7 @@ def _surface_of(
     upper: FloatArray,
     weights: FloatArray,
     stop: np.ndarray,
-) -> Surface:
+) -> BoxedManifold:
     """Return a manifold as machine code takes it, with new scratch arrays.
 
     Args:
@@ -301,7 +301,7 @@ def _surface_of(
     if code.size > r * (1 + code.width):
         size = f"{r} rows of 1 + {code.width} numbers"
         raise InvalidValueError("output buffer of a manifold", size, f"space for {code.size} numbers")
-    return Surface(
+    return BoxedManifold(
         int(code.address),
         np.array(code.kernel_input, dtype=np.float64),
         np.zeros(r * (1 + code.width)),
@@ -324,10 +324,10 @@ def _surface_of(
     )
 
 
-def no_surface(lower: FloatArray, upper: FloatArray, weights: FloatArray) -> Surface:
+def no_surface(lower: FloatArray, upper: FloatArray, weights: FloatArray) -> BoxedManifold:
     """Return a manifold without constraints, which all states meet; its function is never called."""
     n, none, ints = lower.size, np.zeros(0), np.zeros(0, dtype=np.int64)
-    return Surface(
+    return BoxedManifold(
         0, none, none, none, ints, ints, ints, none, lower.copy(), upper.copy(), weights.copy(), none, ints,
         np.zeros((0, n)), np.zeros((0, 0)), np.zeros((2, 0)), np.zeros((6, n)),
         np.zeros(1, dtype=np.int64), 0,
@@ -335,7 +335,7 @@ def no_surface(lower: FloatArray, upper: FloatArray, weights: FloatArray) -> Sur
 
 
 @compiled
-def evaluate(surface: Surface, state: FloatArray) -> float:
+def evaluate(surface: BoxedManifold, state: FloatArray) -> float:
     """Evaluate F and its Jacobian at a state; return the largest error relative to its tolerance."""
     for i in range(state.size):
         surface.kernel_input[surface.places[i]] = state[i]
@@ -358,7 +358,7 @@ def evaluate(surface: Surface, state: FloatArray) -> float:
 
 
 @compiled
-def _violation(surface: Surface, inner: float) -> float:
+def _violation(surface: BoxedManifold, inner: float) -> float:
     """Return the sum of squares of what errors exceed a part of their tolerances by."""
     total = 0.0
     for g in range(surface.norms.size):
@@ -369,7 +369,7 @@ def _violation(surface: Surface, inner: float) -> float:
 
 
 @compiled
-def _linearize(surface: Surface, aim: float) -> int:
+def _linearize(surface: BoxedManifold, aim: float) -> int:
     """Write the residuals to be removed and their scaled Jacobian; return their number.
 
     Of a constraint with error |r| above a part of its tolerance rho, r (1 - rho / |r|) is to be removed, so
@@ -393,7 +393,7 @@ def _linearize(surface: Surface, aim: float) -> int:
 
 
 @compiled
-def _least_step(surface: Surface, count: int, damping: float) -> None:
+def _least_step(surface: BoxedManifold, count: int, damping: float) -> None:
     """Write the smallest step that removes the residuals, of the coordinates that are not fixed.
 
     step = -W^-1 A^T (A A^T + damping diag(A A^T))^-1 e with A = J W^-1, by Cholesky's factorization.
@@ -432,7 +432,7 @@ def _least_step(surface: Surface, count: int, damping: float) -> None:
 
 
 @compiled
-def _step_in_box(surface: Surface, state: FloatArray, count: int, damping: float) -> None:
+def _step_in_box(surface: BoxedManifold, state: FloatArray, count: int, damping: float) -> None:
     """Write the step and the state it leads to; coordinates that it would push out of the box stay."""
     n = state.size
     for i in range(n):
@@ -453,7 +453,7 @@ def _step_in_box(surface: Surface, state: FloatArray, count: int, damping: float
 
 
 @compiled
-def project(surface: Surface, state: FloatArray, inner: float) -> bool:
+def project(surface: BoxedManifold, state: FloatArray, inner: float) -> bool:
     """Move a state onto the manifold, in place, by damped Gauss-Newton steps within the box.
 
     The damping grows where a step does not help (Levenberg, 1944; Marquardt, 1963).
@@ -495,7 +495,7 @@ def project(surface: Surface, state: FloatArray, inner: float) -> bool:
 
 
 @compiled
-def edge_holds(surface: Surface, a: FloatArray, b: FloatArray) -> bool:
+def edge_holds(surface: BoxedManifold, a: FloatArray, b: FloatArray) -> bool:
     """Return whether the middle of an edge, where it is furthest from the manifold, meets the constraints."""
     for i in range(a.size):
         surface.rows[MIDDLE, i] = 0.5 * (a[i] + b[i])
@@ -503,7 +503,9 @@ def edge_holds(surface: Surface, a: FloatArray, b: FloatArray) -> bool:
 
 
 @compiled
-def _next(surface: Surface, current: FloatArray, target: FloatArray, length: float, longest: float) -> float:
+def _next(
+    surface: BoxedManifold, current: FloatArray, target: FloatArray, length: float, longest: float
+) -> float:
     """Write the next state on the way to a target to rows[AIM]; return how far it is from it, or -1."""
     step = min(_STEP * longest, length)
     for _ in range(_HALVINGS):
@@ -525,9 +527,9 @@ def _next(surface: Surface, current: FloatArray, target: FloatArray, length: flo
     return -1.0
 
 
-@compiled("int64(Surface, float64[::1], float64[::1], float64, boolean, float64[:, ::1])")
+@compiled("int64(BoxedManifold, float64[::1], float64[::1], float64, boolean, float64[:, ::1])")
 def extend(
-    surface: Surface,
+    surface: BoxedManifold,
     origin: FloatArray,
     target: FloatArray,
     resolution: float,
@@ -572,8 +574,8 @@ def extend(
     return chain.shape[0]
 
 
-@compiled("void(Surface, float64[:, ::1], float64[:, ::1])")
-def measure_rows(surface: Surface, states: FloatArray, errors: FloatArray) -> None:
+@compiled("void(BoxedManifold, float64[:, ::1], float64[:, ::1])")
+def measure_rows(surface: BoxedManifold, states: FloatArray, errors: FloatArray) -> None:
     """Write the error of each constraint, shape (m, g), at states of shape (m, n)."""
     for j in range(states.shape[0]):
         evaluate(surface, states[j])
@@ -582,15 +584,15 @@ def measure_rows(surface: Surface, states: FloatArray, errors: FloatArray) -> No
             errors[j, g] = math.inf if math.isnan(error) else error
 
 
-@compiled("void(Surface, float64[:, ::1], float64, boolean[::1])")
-def project_rows(surface: Surface, states: FloatArray, inner: float, done: Flags1) -> None:
+@compiled("void(BoxedManifold, float64[:, ::1], float64, boolean[::1])")
+def project_rows(surface: BoxedManifold, states: FloatArray, inner: float, done: Flags1) -> None:
     """Move states, shape (m, n), onto the manifold in place; write which are there."""
     for j in range(states.shape[0]):
         done[j] = surface.stop[0] == 0 and project(surface, states[j], inner)
 
 
-@compiled("boolean(Surface, float64[:, ::1])")
-def edges_hold(surface: Surface, points: FloatArray) -> bool:
+@compiled("boolean(BoxedManifold, float64[:, ::1])")
+def edges_hold(surface: BoxedManifold, points: FloatArray) -> bool:
     """Return whether all edges of a polyline, shape (k, n), meet the constraints in their middles."""
     k = 0
     while k < points.shape[0] - 1 and edge_holds(surface, points[k], points[k + 1]):

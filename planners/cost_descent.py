@@ -18,10 +18,10 @@ from pepper_kin.kernels.signatures import Floats1, Floats2, Ints1
 from .cbirrt import require_fit
 from .constraint_manifold import (
     INNER,
+    BoxedManifold,
     CompiledManifold,
     ConstraintManifold,
     OnSurface,
-    Surface,
     edge_holds,
     evaluate,
     no_surface,
@@ -223,8 +223,8 @@ def _band(points: FloatArray) -> Band:
     )
 
 
-@compiled("float64(Surface, float64[::1])")
-def price_at(cost: Surface, state: Floats1) -> float:
+@compiled("float64(BoxedManifold, float64[::1])")
+def price_at(cost: BoxedManifold, state: Floats1) -> float:
     """Return c at a state; its gradient is left in `cost.out`."""
     evaluate(cost, state)
     found = cost.out[0]
@@ -233,8 +233,8 @@ def price_at(cost: Surface, state: Floats1) -> float:
     return max(found, 0.0)
 
 
-@compiled("void(Surface, float64[:, ::1], int64, float64[::1])")
-def measure_costs(cost: Surface, states: Floats2, count: int, found: Floats1) -> None:
+@compiled("void(BoxedManifold, float64[:, ::1], int64, float64[::1])")
+def measure_costs(cost: BoxedManifold, states: Floats2, count: int, found: Floats1) -> None:
     """Write c at the first states, shape (m, n)."""
     for k in range(count):
         found[k] = price_at(cost, states[k])
@@ -250,7 +250,7 @@ def _total(points: FloatArray, costs: FloatArray, weights: FloatArray) -> float:
 
 
 @compiled
-def _edge_good(space: SearchSpace, surface: Surface, band: Band, a: FloatArray, b: FloatArray) -> bool:
+def _edge_good(space: SearchSpace, surface: BoxedManifold, band: Band, a: FloatArray, b: FloatArray) -> bool:
     """Return whether an edge from a valid state on the manifold to another is valid and keeps to it."""
     length = distance(a, b, space.weights)
     if surface.norms.size > 0 and (length > space.resolution or not edge_holds(surface, a, b)):
@@ -259,12 +259,12 @@ def _edge_good(space: SearchSpace, surface: Surface, band: Band, a: FloatArray, 
 
 
 @compiled
-def _moved_onto(surface: Surface, state: FloatArray) -> bool:
+def _moved_onto(surface: BoxedManifold, state: FloatArray) -> bool:
     return surface.norms.size == 0 or project(surface, state, INNER)
 
 
-@compiled("float64(SearchSpace, Surface, Surface, Band)")
-def start_band(space: SearchSpace, cost: Surface, surface: Surface, band: Band) -> float:
+@compiled("float64(SearchSpace, BoxedManifold, BoxedManifold, Band)")
+def start_band(space: SearchSpace, cost: BoxedManifold, surface: BoxedManifold, band: Band) -> float:
     """Move the points of a band onto the manifold; return its integral, infinite where it is not valid."""
     points, last = band.points, band.points.shape[0] - 1
     for k in range(1, last):
@@ -278,11 +278,11 @@ def start_band(space: SearchSpace, cost: Surface, surface: Surface, band: Band) 
     return _total(points, band.lines[_COST], space.weights)
 
 
-@compiled("boolean(SearchSpace, Surface, Surface, Band, float64, uint64, int64)")
+@compiled("boolean(SearchSpace, BoxedManifold, BoxedManifold, Band, float64, uint64, int64)")
 def shorten_by_cost(
     space: SearchSpace,
-    cost: Surface,
-    surface: Surface,
+    cost: BoxedManifold,
+    surface: BoxedManifold,
     band: Band,
     seconds: float,
     key: np.uint64,
@@ -352,11 +352,11 @@ def _take(band: Band, first: int, end: int) -> None:
             band.points[k, c] = band.trial[k, c]
 
 
-@compiled("boolean(SearchSpace, Surface, Surface, Band, float64, uint64, int64)")
+@compiled("boolean(SearchSpace, BoxedManifold, BoxedManifold, Band, float64, uint64, int64)")
 def descend(
     space: SearchSpace,
-    cost: Surface,
-    surface: Surface,
+    cost: BoxedManifold,
+    surface: BoxedManifold,
     band: Band,
     seconds: float,
     key: np.uint64,
@@ -420,7 +420,9 @@ def descend(
 
 
 @compiled
-def _linearize(space: SearchSpace, cost: Surface, surface: Surface, band: Band, low: int, high: int) -> None:
+def _linearize(
+    space: SearchSpace, cost: BoxedManifold, surface: BoxedManifold, band: Band, low: int, high: int
+) -> None:
     """Write lengths of edges, and the gradient of the integral across the path in scaled coordinates.
 
     The gradient is that at the points between two.
@@ -451,7 +453,7 @@ def _linearize(space: SearchSpace, cost: Surface, surface: Surface, band: Band, 
 
 
 @compiled
-def _keep_along(surface: Surface, state: FloatArray, gradient: FloatArray, resolution: float) -> None:
+def _keep_along(surface: BoxedManifold, state: FloatArray, gradient: FloatArray, resolution: float) -> None:
     """Take from a gradient in scaled coordinates what would lead off the manifold.
 
     A constraint whose tolerance is used up within a step is an equation: all its rows are taken out.  A wider
@@ -516,7 +518,13 @@ def _independent(rows: FloatArray, count: int) -> int:
 
 @compiled
 def _stepped(
-    space: SearchSpace, cost: Surface, surface: Surface, band: Band, low: int, high: int, rounds: int
+    space: SearchSpace,
+    cost: BoxedManifold,
+    surface: BoxedManifold,
+    band: Band,
+    low: int,
+    high: int,
+    rounds: int,
 ) -> float:
     """Try a step of the points between two, with ever more that stay where it would not be valid.
 
@@ -595,7 +603,9 @@ def _solve(band: Band, damping: float) -> None:
 
 
 @compiled
-def _evened(space: SearchSpace, cost: Surface, surface: Surface, band: Band, total: float) -> float:
+def _evened(
+    space: SearchSpace, cost: BoxedManifold, surface: BoxedManifold, band: Band, total: float
+) -> float:
     """Space the points evenly again where they have become uneven; return the integral."""
     points, trial, lines, last = band.points, band.trial, band.lines, band.points.shape[0] - 1
     length = widest = 0.0

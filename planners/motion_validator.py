@@ -245,7 +245,7 @@ class MotionValidator:
             start, size = stop, min(size * _GROWTH, MAX_BATCH)
 
 
-class Callback:
+class ValidatorCallback:
     """A `MotionValidator` behind the address of a C function; used in a `with` block around the planner.
 
     An exception cannot pass through machine code: from then on every state is invalid, the planner has to
@@ -312,8 +312,8 @@ def machine_code_of(
         problem: The problem.
         deadline: Time budget of a Python checker; what it has not checked in time counts as not valid.
         resolution: See `Problem.validator`.
-        counters: Of the planner, integers, shape (k,), see `Callback`.
+        counters: Of the planner, integers, shape (k,), see `ValidatorCallback`.
     """
     if isinstance(problem.validity, CompiledMotionValidator):
         return nullcontext(problem.validity)
-    return Callback(problem.validator(deadline, resolution), problem.n, counters)
+    return ValidatorCallback(problem.validator(deadline, resolution), problem.n, counters)

@@ -36,7 +36,7 @@ MANY_THREADS = ("AnytimePathShortening",)
 """Ask for validity in several threads, which would wait for ever for Python."""
 
 
-class _Library(NamedTuple):
+class _OmplModules(NamedTuple):
     base: ModuleType
     geometric: ModuleType
     util: ModuleType
@@ -98,7 +98,9 @@ def ompl_plan(
     deadline = Deadline(timeout)
     validator = problem.validator(deadline)
     alone = planner in TWO_THREADS
-    status, points, goal = _Search(library, problem, validator).run(make, seed_number(seed), deadline, alone)
+    status, points, goal = _OmplProblem(library, problem, validator).run(
+        make, seed_number(seed), deadline, alone
+    )
     path = None if points is None else Path(points, problem.weights)
     return Result(
         status=status, path=path, goal_index=goal, cost=math.inf if path is None else path.length,
@@ -107,10 +109,10 @@ def ompl_plan(
     )  # fmt: skip
 
 
-class _Search:
+class _OmplProblem:
     """A problem as OMPL sees it: the coordinates that can change, scaled by the metric's weights."""
 
-    def __init__(self, library: _Library, problem: Problem, validator: MotionValidator) -> None:
+    def __init__(self, library: _OmplModules, problem: Problem, validator: MotionValidator) -> None:
         self._library, self._problem, self._validator = library, problem, validator
         self._free = np.flatnonzero(problem.upper > problem.lower)
         self._weights = problem.metric.weights[self._free]
@@ -193,14 +195,14 @@ class _Search:
         return bool(self._validator.states_valid(self._from_ompl(state)[None])[0])
 
 
-def _library() -> _Library:
+def _library() -> _OmplModules:
     try:
         from ompl import base, geometric, util
     except ImportError as error:
         raise MissingDependencyError("ompl", "pip install 'pepper_kin[ompl]'", "ompl_plan") from error
-    return _Library(base, geometric, util)
+    return _OmplModules(base, geometric, util)
 
 
-def _class_of(library: _Library, name: str) -> Callable[[Any], Any] | None:
+def _class_of(library: _OmplModules, name: str) -> Callable[[Any], Any] | None:
     """Return the class of a planner; MoveIt leaves the 1 of KPIECE1 out."""
     return getattr(library.geometric, name, None) or getattr(library.geometric, f"{name}1", None)

@@ -17,7 +17,7 @@ from .problem import Problem
 from .search_space import STOP, SearchSpace, distance, edge_valid, space_of, step_count
 
 
-class Route(NamedTuple):
+class PathTable(NamedTuple):
     """A path.
 
     Attributes:
@@ -51,7 +51,7 @@ def rejoin(problem: Problem, path: Path, goal: int, *, gain: float = 0.01) -> tu
     load_code(shortest_end)
     counters, order = np.zeros(STOP + 1, dtype=np.int64), np.array(others, dtype=np.int64)
     with machine_code_of(problem, Deadline(), counters=counters) as code:
-        space, route = space_of(problem, code, problem.spacing), Route(path.points, path.arc_lengths)
+        space, route = space_of(problem, code, problem.spacing), PathTable(path.points, path.arc_lengths)
         least = gain * path.length
         last = shortest_end(space, route, problem.goals, order, least, np.empty((2, problem.n)), counters)
     if last < 0:
@@ -60,10 +60,10 @@ def rejoin(problem: Problem, path: Path, goal: int, *, gain: float = 0.01) -> tu
     return Path.trusted(np.vstack([path.points[: last + 1], problem.goals[met]]), problem.metric), met
 
 
-@compiled("int64(SearchSpace, Route, float64[:, ::1], int64[::1], float64, float64[:, ::1], int64[::1])")
+@compiled("int64(SearchSpace, PathTable, float64[:, ::1], int64[::1], float64, float64[:, ::1], int64[::1])")
 def shortest_end(
     space: SearchSpace,
-    route: Route,
+    route: PathTable,
     goals: Floats2,
     order: Ints1,
     gain: float,

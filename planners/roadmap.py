@@ -66,7 +66,7 @@ TARGET, NEXT = 0, 1
 UNKNOWN, VALID, INVALID = range(3)
 
 
-class Graph(NamedTuple):
+class RoadmapGraph(NamedTuple):
     """A graph in arrays with space for m nodes and k edges.
 
     Attributes:
@@ -327,9 +327,9 @@ class Roadmap:
         return int(np.count_nonzero(self._graph.findings[: self._graph.counters[EDGES]] == finding))
 
 
-def _new_graph(n: int) -> Graph:
+def _new_graph(n: int) -> RoadmapGraph:
     """Return an empty roadmap."""
-    graph = Graph(
+    graph = RoadmapGraph(
         states=np.empty((0, n)),
         lanes=np.empty((0, n, ABREAST), np.float32),
         nodes=np.empty((_NODE_ROWS, 0), dtype=np.int64),
@@ -345,7 +345,7 @@ def _new_graph(n: int) -> Graph:
     return _with_capacity(graph, _FIRST_NODES, _FIRST_NODES * _EDGES_PER_NODE)
 
 
-def _with_capacity(graph: Graph, nodes: int, edges: int) -> Graph:
+def _with_capacity(graph: RoadmapGraph, nodes: int, edges: int) -> RoadmapGraph:
     """Return a roadmap with space for some nodes and edges."""
     nodes = whole_blocks(nodes)
     return graph._replace(
@@ -362,7 +362,7 @@ def _with_capacity(graph: Graph, nodes: int, edges: int) -> Graph:
 
 
 @compiled
-def _join(graph: Graph, first: int, second: int, length: float) -> None:
+def _join(graph: RoadmapGraph, first: int, second: int, length: float) -> None:
     """Add an edge."""
     edge = graph.counters[EDGES]
     graph.counters[EDGES] += 1
@@ -375,7 +375,7 @@ def _join(graph: Graph, first: int, second: int, length: float) -> None:
 
 
 @compiled
-def _are_joined(graph: Graph, first: int, second: int) -> bool:
+def _are_joined(graph: RoadmapGraph, first: int, second: int) -> bool:
     arc = graph.nodes[HEAD, first]
     while arc >= 0 and graph.arcs[TARGET, arc] != second:
         arc = graph.arcs[NEXT, arc]
@@ -383,7 +383,7 @@ def _are_joined(graph: Graph, first: int, second: int) -> bool:
 
 
 @compiled
-def _add(graph: Graph, state: FloatArray, weights: FloatArray, tolerance: float) -> int:
+def _add(graph: RoadmapGraph, state: FloatArray, weights: FloatArray, tolerance: float) -> int:
     """Add a node joined to its nearest neighbors, or find the one that is there already; return it."""
     n, size = state.size, graph.counters[NODES]
     near, squares, count = np.empty(_MOST_NEIGHBORS, np.int64), np.empty(_MOST_NEIGHBORS), 0
@@ -407,7 +407,7 @@ def _add(graph: Graph, state: FloatArray, weights: FloatArray, tolerance: float)
 
 
 @compiled
-def _push(graph: Graph, size: int, key: float, arc: int) -> int:
+def _push(graph: RoadmapGraph, size: int, key: float, arc: int) -> int:
     place = size
     while place > 0 and graph.keys[(place - 1) // 2] > key:
         above = (place - 1) // 2
@@ -418,7 +418,7 @@ def _push(graph: Graph, size: int, key: float, arc: int) -> int:
 
 
 @compiled
-def _pop(graph: Graph, size: int) -> int:
+def _pop(graph: RoadmapGraph, size: int) -> int:
     """Take the first entry off a heap; return its new size.  The entry is to be read before."""
     size -= 1
     key, arc = graph.keys[size], graph.heap[size]
@@ -437,7 +437,7 @@ def _pop(graph: Graph, size: int) -> int:
 
 @compiled
 def _close(
-    graph: Graph, node: int, arc: int, cost: float, goals: FloatArray, weights: FloatArray, size: int
+    graph: RoadmapGraph, node: int, arc: int, cost: float, goals: FloatArray, weights: FloatArray, size: int
 ) -> int:
     """Settle the cost of a node and put the arcs that leave it on the heap; return the heap's size."""
     query = graph.counters[QUERY]
@@ -458,8 +458,8 @@ def _tolerance(space: SearchSpace) -> float:
     return _SAME * distance(space.lower, space.lower + space.extent, space.weights)
 
 
-@compiled("int64(SearchSpace, Graph, float64, uint64, int64)")
-def scatter(space: SearchSpace, graph: Graph, seconds: float, key: np.uint64, wanted: int) -> int:
+@compiled("int64(SearchSpace, RoadmapGraph, float64, uint64, int64)")
+def scatter(space: SearchSpace, graph: RoadmapGraph, seconds: float, key: np.uint64, wanted: int) -> int:
     """Add valid samples of the box until there are as many nodes as wanted.
 
     Args:
@@ -487,7 +487,7 @@ def scatter(space: SearchSpace, graph: Graph, seconds: float, key: np.uint64, wa
 
 @compiled
 def _add_ends(
-    space: SearchSpace, graph: Graph, start: FloatArray, goals: FloatArray, ends: np.ndarray
+    space: SearchSpace, graph: RoadmapGraph, start: FloatArray, goals: FloatArray, ends: np.ndarray
 ) -> bool:
     """Make start and goals nodes that are joined; return False if the arrays may be too small.
 
@@ -511,7 +511,7 @@ def _add_ends(
 
 
 @compiled
-def _can_be_taken(space: SearchSpace, graph: Graph, source: int, target: int, edge: int) -> bool:
+def _can_be_taken(space: SearchSpace, graph: RoadmapGraph, source: int, target: int, edge: int) -> bool:
     """Return whether an edge is valid, finding it out if that is not known."""
     if graph.findings[edge] == UNKNOWN:
         a, b = graph.states[source], graph.states[target]
@@ -521,10 +521,10 @@ def _can_be_taken(space: SearchSpace, graph: Graph, source: int, target: int, ed
     return graph.findings[edge] == VALID
 
 
-@compiled("int64(SearchSpace, Graph, float64, float64[::1], float64[:, ::1], int64[::1])")
+@compiled("int64(SearchSpace, RoadmapGraph, float64, float64[::1], float64[:, ::1], int64[::1])")
 def connect(
     space: SearchSpace,
-    graph: Graph,
+    graph: RoadmapGraph,
     seconds: float,
     start: FloatArray,
     goals: FloatArray,

@@ -419,14 +419,14 @@ class Search:
                 return ended
 
 
-class _Workspaces(threading.local):
+class _FirstRoundWorkspaces(threading.local):
     """Of each thread, arrays for way-points of n coordinates and for lengths."""
 
     def __init__(self) -> None:
         self.of: dict[int, tuple[FloatArray, FloatArray]] = {}
 
 
-_workspaces = _Workspaces()
+_workspaces = _FirstRoundWorkspaces()
 
 
 def _workspace(n: int) -> tuple[FloatArray, FloatArray]:

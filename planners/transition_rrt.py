@@ -11,7 +11,7 @@ from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Ints1
 
-from .constraint_manifold import OnSurface, Surface
+from .constraint_manifold import BoxedManifold, OnSurface
 from .cost_descent import StateCost, price_at
 from .deadline import Deadline, load_code
 from .motion_validator import machine_code_of
@@ -142,7 +142,9 @@ def _valid(space: SearchSpace, states: FloatArray, counters: Ints1) -> np.ndarra
     return np.array([k for k, x in enumerate(rows) if last_valid_step(space, x, x, 1, counters)], np.int64)
 
 
-def _plant(space: SearchSpace, price: Surface, trees: Trees, problem: Problem, goals: np.ndarray) -> None:
+def _plant(
+    space: SearchSpace, price: BoxedManifold, trees: Trees, problem: Problem, goals: np.ndarray
+) -> None:
     """Make the start and some goals the roots of trees.
 
     Args:
@@ -173,7 +175,9 @@ def add_priced_node(
 
 
 @compiled
-def _highest_price(space: SearchSpace, cost: Surface, trees: Trees, a: FloatArray, b: FloatArray) -> float:
+def _highest_price(
+    space: SearchSpace, cost: BoxedManifold, trees: Trees, a: FloatArray, b: FloatArray
+) -> float:
     """Return the highest price on an edge, its start left out."""
     count = step_count(distance(a, b, space.weights), _PRICED * space.resolution)
     between, highest = trees.rows[_BETWEEN], 0.0
@@ -184,9 +188,9 @@ def _highest_price(space: SearchSpace, cost: Surface, trees: Trees, a: FloatArra
     return highest
 
 
-@compiled("int64(SearchSpace, Surface, Trees, float64, uint64, int64)")
+@compiled("int64(SearchSpace, BoxedManifold, Trees, float64, uint64, int64)")
 def grow(
-    space: SearchSpace, cost: Surface, trees: Trees, seconds: float, key: np.uint64, iterations: int
+    space: SearchSpace, cost: BoxedManifold, trees: Trees, seconds: float, key: np.uint64, iterations: int
 ) -> int:
     """Grow both trees until they meet; see `transition_rrt` for the method.
 

@@ -29,8 +29,8 @@ from pepper_kin.core.certificates.clearance import (
     SOLID,
     TO_MEASURE,
     Bodies,
+    ClearanceSearch,
     Poses,
-    Search,
     search_least,
 )
 from pepper_kin.exceptions import InvalidValueError
@@ -124,7 +124,7 @@ def least_clearance(
     violated = np.zeros(len(path), dtype=bool)
     for table in checker.dependent_ranges if to != "obstacles" else ():
         violated |= table.violated(path)
-    search = _Search(checker, path, to=to)
+    search = _LeastClearanceSearch(checker, path, to=to)
     search.run()
     pair = checker.closest_pair(path[search.index], to)
     return LeastClearance(
@@ -177,7 +177,7 @@ def least_clearance_of_movers(
     uncertainty = {item.name: item.uncertainty for item in movers.items}
     owners = [uncertainty.get(body.owner, 0.0) for body in checker._shapes.bodies]
     growth = np.array(owners)[np.array(checker._shapes.pairs)].max(axis=0)
-    search = _Search(checker, states, times, growth, known)
+    search = _LeastClearanceSearch(checker, states, times, growth, known)
     search.run()
     nearest = checker.closest_pair(states[search.index]) if search.best < known else None
     return LeastClearance(search.best, search.index, nearest, None, search.measured)
@@ -216,7 +216,7 @@ def approach_speed(pepper: PepperModel, rates: ArrayLike, scene: Scene | None = 
     return float((bounds @ full.T).max(initial=0.0))
 
 
-class _Search:
+class _LeastClearanceSearch:
     """The search for the least distance along a path.
 
     Args:
@@ -264,7 +264,7 @@ class _Search:
             else:
                 self._measure(search)
 
-    def _workspace(self) -> tuple[Poses, Search]:
+    def _workspace(self) -> tuple[Poses, ClearanceSearch]:
         joints, solids, pairs = len(self.bodies.parents), len(self.bodies.carriers), self.checker.pair_count
         roots = 2 * (len(self.path) // FIRST + 1)
         poses = Poses(
@@ -273,7 +273,7 @@ class _Search:
             motion_bounds=np.zeros((solids, joints)),
             used=np.empty(solids, dtype=bool),
         )
-        search = Search(
+        search = ClearanceSearch(
             at=np.zeros(PLACES, dtype=np.int64),
             best=np.array([self.best]),
             roots=np.zeros((roots, 4), dtype=np.int64),
@@ -290,7 +290,7 @@ class _Search:
         )
         return poses, search
 
-    def _measure(self, search: Search) -> None:
+    def _measure(self, search: ClearanceSearch) -> None:
         """Measure pairs at one configuration, until none of them can be nearer than the nearest."""
         import pinocchio
 

@@ -16,7 +16,7 @@ from pepper_kin.kernels.memory import empty
 
 
 @dataclass(frozen=True)
-class Rows:
+class RowView:
     """An array as rows of contiguous numbers.
 
     Attributes:
@@ -37,7 +37,7 @@ def core_shape(shape: tuple[int, int]) -> tuple[int, ...]:
 
 def read_inputs(
     signature: Signature, dtype: np.dtype, values: Sequence[ArrayLike]
-) -> tuple[tuple[int, ...], list[Rows]]:
+) -> tuple[tuple[int, ...], list[RowView]]:
     """Check and convert the inputs of a call.
 
     Args:
@@ -76,7 +76,7 @@ def read_inputs(
 
 
 def make_outputs(
-    signature: Signature, dtype: np.dtype, leading: tuple[int, ...], out: object, inputs: Sequence[Rows]
+    signature: Signature, dtype: np.dtype, leading: tuple[int, ...], out: object, inputs: Sequence[RowView]
 ) -> list[NDArray[np.floating]]:
     """The arrays that receive the results: new ones, or the caller's after a check.
 
@@ -104,7 +104,7 @@ def make_outputs(
     return outputs
 
 
-def refuse_not_finite(signature: Signature, inputs: Sequence[Rows]) -> None:
+def refuse_not_finite(signature: Signature, inputs: Sequence[RowView]) -> None:
     """Name the first NaN or infinity among the inputs.
 
     Raises:
@@ -142,7 +142,7 @@ def _common_batch(names: Sequence[str], batches: Sequence[tuple[int, ...]]) -> t
     return leading
 
 
-def _as_rows(array: np.ndarray, count: int, size: int, dtype: np.dtype, *, shared: bool) -> Rows:
+def _as_rows(array: np.ndarray, count: int, size: int, dtype: np.dtype, *, shared: bool) -> RowView:
     """Return an array of shape (..., *core) as rows, shape (count, size), copied only where it has to be."""
     if array.dtype != dtype:
         with np.errstate(over="ignore"):  # what is too large for a float becomes infinite, refused as such
@@ -153,4 +153,4 @@ def _as_rows(array: np.ndarray, count: int, size: int, dtype: np.dtype, *, share
     if (between_elements != item and size > 1) or between_rows % item or not rows.flags.aligned:
         rows = np.ascontiguousarray(rows)
     stride = 0 if shared or count <= 1 else rows.strides[0] // item
-    return Rows(rows, rows.ctypes.data, stride)
+    return RowView(rows, rows.ctypes.data, stride)

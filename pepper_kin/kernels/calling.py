@@ -18,7 +18,7 @@ import numpy as np
 
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import _emit_call, floats_at, intrinsic, words_at
-from pepper_kin.kernels.signatures import Argument, Array, Scalar
+from pepper_kin.kernels.signatures import Argument, Array, ScalarType
 
 if TYPE_CHECKING:
     from pepper_kin.kernels.compiled_function import CompiledFunction
@@ -264,7 +264,7 @@ def _steps(name: str, names: tuple[str, ...], arguments: tuple[Argument, ...]) -
     known = [1]
 
     def read(argument: Argument, source: int, item: int, path: str) -> Iterator[tuple[Any, ...]]:
-        if isinstance(argument, Scalar):
+        if isinstance(argument, ScalarType):
             message = f"{name}(): {path} must be a {argument.name}"
             yield scalars[argument.name], source, item, 0, 0, id(message), message
         elif isinstance(argument, Array):

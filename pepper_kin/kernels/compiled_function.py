@@ -36,7 +36,7 @@ import numpy as np
 
 from pepper_kin.kernels.compiler import LOADING, LoadedCode, compile_portable
 from pepper_kin.kernels.portable import needed
-from pepper_kin.kernels.signatures import Signature, parse_signature, record_of
+from pepper_kin.kernels.signatures import FunctionSignature, parse_signature, record_of
 from pepper_kin.kernels.sources import file_digest, function_digest
 from pepper_kin.kernels.store import find, is_collecting, obtain
 from pepper_kin.kernels.target import Target
@@ -86,7 +86,7 @@ class CompiledFunction:
             function.__module__,
         )
         self.__qualname__, self.__wrapped__ = function.__qualname__, function
-        self._signature: Signature | None = None
+        self._signature: FunctionSignature | None = None
         self._direct: Any = None
         self._dispatcher: Any = None
         self._call: Callable[..., Any] = function if INTERPRETED or text is None else self._first_call
@@ -96,7 +96,7 @@ class CompiledFunction:
         return self._call(*arguments)
 
     @property
-    def signature(self) -> Signature | None:
+    def signature(self) -> FunctionSignature | None:
         """Types of result and arguments."""
         if self._signature is None and self.text is not None:
             self._signature = parse_signature(self.text, self.python.__globals__)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.kernels.arrays import Rows, make_outputs, read_inputs, refuse_not_finite
+from pepper_kin.kernels.arrays import RowView, make_outputs, read_inputs, refuse_not_finite
 from pepper_kin.kernels.compiler import LOADING, LoadedCode, compile_ir
 from pepper_kin.kernels.image import KernelImage
 from pepper_kin.kernels.instructions import Signature, check_function, read_program
@@ -161,7 +161,7 @@ class Kernel:
         return f"Kernel({self.signature.name}: ({inputs}) -> ({outputs}), {self.dtype}, {self.lanes} lanes)"
 
     def _evaluate(
-        self, inputs: Sequence[Rows], outputs: Sequence[np.ndarray], count: int, threads: int
+        self, inputs: Sequence[RowView], outputs: Sequence[np.ndarray], count: int, threads: int
     ) -> bool:
         """Run the compiled loop; outputs have shape (..., *core).  Return whether an input may be large."""
         sources = [(rows.address, rows.stride) for rows in inputs]

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.kernels.intrinsics import in_all_lanes, intrinsic
-from pepper_kin.kernels.records import DOUBLES, SINGLES, WORDS, Kind, RecordView, single
+from pepper_kin.kernels.records import DOUBLES, SINGLES, WORDS, FieldKind, RecordView, single
 
 LANES = 8
 """Values side by side."""
@@ -176,7 +176,7 @@ def _emit_lowest(typing_context: Any, bits: Any) -> Any:
     return types.int64(types.int64), generate
 
 
-lanes = Kind("float32", LANE_BYTES, lanes=LANES, side_by_side=lanes_type)
+lanes = FieldKind("float32", LANE_BYTES, lanes=LANES, side_by_side=lanes_type)
 """Kind of a field of a record: eight float32."""
 TRIPLES = RecordView("TRIPLES", xyz=3 * lanes)
 """Rows of three values in lanes: points or directions."""

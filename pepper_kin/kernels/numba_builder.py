@@ -33,7 +33,7 @@ from numba.core.registry import cpu_target
 from pepper_kin.kernels.compiled_function import BOUNDS_CHECKED, builder_digest, ingredients, runtime_path
 from pepper_kin.kernels.compiler import target_machine
 from pepper_kin.kernels.portable import PortablePart, needed
-from pepper_kin.kernels.signatures import Argument, Array, Record, Scalar
+from pepper_kin.kernels.signatures import Argument, Array, RecordType, ScalarType
 from pepper_kin.kernels.store import read_part, write_part
 from pepper_kin.kernels.target import made_by, portable_target
 
@@ -54,7 +54,7 @@ class _Library(codegen.JITCodeLibrary):
 
 def numba_type(argument: Argument) -> Any:
     """Return Numba's type of an argument."""
-    if isinstance(argument, Scalar):
+    if isinstance(argument, ScalarType):
         return getattr(types, argument.name)
     if isinstance(argument, Array):
         names = {"bool": "boolean"}
@@ -430,7 +430,7 @@ def _add_direct(function: CompiledFunction, context: Any, module: Any, callee: A
     """Add a function that takes its scalars as a C function does, under the symbol with `_direct`."""
     signature = function.signature
     assert signature is not None
-    scalars = [argument for argument in signature.arguments if isinstance(argument, Scalar)]
+    scalars = [argument for argument in signature.arguments if isinstance(argument, ScalarType)]
     word = ir.IntType(64)
     kinds = {"float64": ir.DoubleType()}
     kinds_of_scalars = [kinds.get(a.name, word) for a in scalars]
@@ -467,12 +467,12 @@ class _BlockReader:
     def read(self, argument: Argument, kind: Any) -> Any:
         """Return the next argument as Numba's value."""
         builder, context = self._builder, self._context
-        if isinstance(argument, Record):
+        if isinstance(argument, RecordType):
             parts = [
                 self.read(field, part) for (_, field), part in zip(argument.fields, kind.types, strict=True)
             ]
             return context.make_tuple(builder, kind, parts)
-        if isinstance(argument, Scalar):
+        if isinstance(argument, ScalarType):
             if argument.name == "float64":
                 return builder.load(builder.bitcast(self._word(), ir.DoubleType().as_pointer()))
             value = builder.load(self._word())
@@ -500,7 +500,7 @@ class _BlockReader:
         array.strides = pack(builder, strides)
         return array._getvalue()
 
-    def write(self, index: int, scalar: Scalar, value: Any) -> None:
+    def write(self, index: int, scalar: ScalarType, value: Any) -> None:
         """Store a result in the first words of the block."""
         builder = self._builder
         place = builder.gep(self._block, [ir.IntType(64)(index)])

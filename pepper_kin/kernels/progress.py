@@ -26,7 +26,7 @@ _reported = False
 _logged = 0.0
 
 
-class Progress(NamedTuple):
+class BuildProgress(NamedTuple):
     """How far processes have come that make machine code.
 
     Attributes:

@@ -27,7 +27,7 @@ _LLVM = {"float32": "FloatType", "float64": "DoubleType", "int64": "IntType"}
 
 
 @dataclass(frozen=True)
-class Kind:
+class FieldKind:
     """What a field holds.
 
     Attributes:
@@ -44,11 +44,11 @@ class Kind:
     lanes: int = 1
     side_by_side: Callable[[], Any] | None = field(default=None, repr=False)
 
-    def __rmul__(self, count: int) -> Kind:
+    def __rmul__(self, count: int) -> FieldKind:
         """Return the kind of a field of several values."""
         return replace(self, count=count)
 
-    def padded(self, size: int) -> Kind:
+    def padded(self, size: int) -> FieldKind:
         """Return the same in more bytes."""
         return replace(self, size=size)
 
@@ -88,7 +88,7 @@ class Kind:
         return 4 if self.lanes > 1 else None
 
 
-word, single, double = Kind("int64", 8), Kind("float32", 4), Kind("float64", 8)
+word, single, double = FieldKind("int64", 8), FieldKind("float32", 4), FieldKind("float64", 8)
 
 
 def _moved(builder: Any, address: Any, offset: int, k: Any = None, stride: int = 0) -> Any:
@@ -102,7 +102,7 @@ def _moved(builder: Any, address: Any, offset: int, k: Any = None, stride: int =
     return builder.add(address, ir.IntType(64)(offset)) if offset else address
 
 
-def _load(name: str, kind: Kind, offset: int, stride: int) -> Intrinsic:
+def _load(name: str, kind: FieldKind, offset: int, stride: int) -> Intrinsic:
     def make(typing_context: Any, address: Any, k: Any = 0) -> Any:
         from numba import types
 
@@ -120,7 +120,7 @@ def _load(name: str, kind: Kind, offset: int, stride: int) -> Intrinsic:
     return _named(load, f"{name} {kind} {offset} {stride}", make)
 
 
-def _store(name: str, kind: Kind, offset: int, stride: int) -> Intrinsic:
+def _store(name: str, kind: FieldKind, offset: int, stride: int) -> Intrinsic:
     def make(typing_context: Any, address: Any, value: Any, k: Any = 0) -> Any:
         from numba import types
 
@@ -178,7 +178,7 @@ class RecordView:
         described: Name and layout, for the keys of machine code that uses it.
     """
 
-    def __init__(self, name: str, **fields: Kind) -> None:
+    def __init__(self, name: str, **fields: FieldKind) -> None:
         self.name, self.fields = name, fields
         self.size = sum(kind.size * kind.count for kind in fields.values())
         self.described = f"record {name} {fields}"

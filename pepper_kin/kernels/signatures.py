@@ -52,7 +52,7 @@ _ARRAY = re.compile(r"(\w+)\[((?::,)*)::1\]")
 
 
 @dataclass(frozen=True)
-class Scalar:
+class ScalarType:
     """One number: "int64", "uint64", "float64" or "boolean"."""
 
     name: str
@@ -67,26 +67,26 @@ class Array:
 
 
 @dataclass(frozen=True)
-class Record:
+class RecordType:
     """A NamedTuple of scalars, arrays and further such tuples."""
 
     kind: type
-    fields: tuple[tuple[str, Scalar | Array | Record], ...]
+    fields: tuple[tuple[str, ScalarType | Array | RecordType], ...]
 
 
-Argument: TypeAlias = Scalar | Array | Record
+Argument: TypeAlias = ScalarType | Array | RecordType
 
 
 @dataclass(frozen=True)
-class Signature:
+class FunctionSignature:
     """Result and arguments of a compiled function; the result is empty for `void`."""
 
-    result: tuple[Scalar, ...]
+    result: tuple[ScalarType, ...]
     is_tuple: bool
     arguments: tuple[Argument, ...]
 
 
-def parse_signature(text: str, names: Mapping[str, Any]) -> Signature:
+def parse_signature(text: str, names: Mapping[str, Any]) -> FunctionSignature:
     """Return a signature.
 
     Args:
@@ -107,12 +107,14 @@ def parse_signature(text: str, names: Mapping[str, Any]) -> Signature:
     for name in results:
         if name not in _SCALARS:
             raise TypeError(f"result {name!r} in {text!r}: void or one of {', '.join(_SCALARS)}")
-    return Signature(tuple(map(Scalar, results)), is_tuple, tuple(_argument(part, names) for part in parts))
+    return FunctionSignature(
+        tuple(map(ScalarType, results)), is_tuple, tuple(_argument(part, names) for part in parts)
+    )
 
 
 def _argument(text: str, names: Mapping[str, Any]) -> Argument:
     if text in _SCALARS:
-        return Scalar(text)
+        return ScalarType(text)
     match = _ARRAY.fullmatch(text)
     if match and match[1] in _DTYPES:
         return Array(_DTYPES[match[1]], match[2].count(":") + 1)
@@ -122,7 +124,7 @@ def _argument(text: str, names: Mapping[str, Any]) -> Argument:
     raise TypeError(f"argument {text!r}: a scalar, a C-contiguous array or a NamedTuple class")
 
 
-def record_of(kind: type) -> Record:
+def record_of(kind: type) -> RecordType:
     """Return a NamedTuple class as a type.
 
     Raises:
@@ -143,7 +145,7 @@ def record_of(kind: type) -> Record:
             fields.append((name, _argument(text.replace(" ", ""), names)))
         except TypeError as error:
             raise TypeError(f"field {name!r} of {kind.__name__}: {error}") from error
-    return Record(kind, tuple(fields))
+    return RecordType(kind, tuple(fields))
 
 
 def _split(text: str) -> list[str]:

@@ -52,7 +52,7 @@ _DIGEST_SIZE = hashlib.sha256().digest_size
 _logger = logging.getLogger(__name__)
 
 
-class Part(NamedTuple):
+class StoredPart(NamedTuple):
     """Machine code as it is kept.
 
     Attributes:
@@ -68,7 +68,7 @@ class Part(NamedTuple):
 
 def obtain(
     name: str, key: str, make: Callable[[Target], bytes], *, target: Target | None = None, keep: bool = True
-) -> Part:
+) -> StoredPart:
     """Return a part from the wheel's file, from the cache or from its maker.
 
     Args:
@@ -80,7 +80,7 @@ def obtain(
     """
     wanted = target or host_target()
     if not keep:
-        return Part(make(wanted), wanted, True)
+        return StoredPart(make(wanted), wanted, True)
     if target is None and _collection is not None:
         _collection.add(name, key, make)
     found = find(name, key) if target is None else None
@@ -90,14 +90,14 @@ def obtain(
     return found
 
 
-def find(name: str, key: str) -> Part | None:
+def find(name: str, key: str) -> StoredPart | None:
     """Return a part from the wheel's file or from the cache folder, or None."""
     if not prefers_native():
         brought = wheel_part(name, key)
         if brought is not None:
-            return Part(*brought, False)
+            return StoredPart(*brought, False)
     content = read_part(_for_target(key, host_target()))
-    return None if content is None else Part(content, host_target(), False)
+    return None if content is None else StoredPart(content, host_target(), False)
 
 
 def make_ahead(key: str, make: Callable[[Target], bytes], target: Target | None = None) -> None:
@@ -123,18 +123,18 @@ def can_write() -> bool:
         return False
 
 
-def _kept_or_made(name: str, own_key: str, wanted: Target, make: Callable[[Target], bytes]) -> Part:
+def _kept_or_made(name: str, own_key: str, wanted: Target, make: Callable[[Target], bytes]) -> StoredPart:
     content = read_part(own_key)
     if content is not None:
-        return Part(content, wanted, False)
+        return StoredPart(content, wanted, False)
     with only_maker(own_key):
         content = read_part(own_key)  # another process may have made it meanwhile
         if content is not None:
-            return Part(content, wanted, False)
+            return StoredPart(content, wanted, False)
         with making(name):
             content = make(wanted)
         write_part(own_key, content)
-    return Part(content, wanted, True)
+    return StoredPart(content, wanted, True)
 
 
 class Collection:

@@ -9,7 +9,7 @@ from time import perf_counter
 from typing import NamedTuple
 
 
-class _State(NamedTuple):
+class _ClockState(NamedTuple):
     """How the clock stands.
 
     Attributes:
@@ -24,7 +24,7 @@ class _State(NamedTuple):
 
 
 _lock = threading.Lock()
-_state = _State(0, 0.0, 0.0)
+_state = _ClockState(0, 0.0, 0.0)
 
 
 def working_time() -> float:
@@ -45,10 +45,10 @@ def not_counted() -> Iterator[None]:
     global _state
     with _lock:
         holders, since, stood = _state
-        _state = _State(holders + 1, since if holders else perf_counter(), stood)
+        _state = _ClockState(holders + 1, since if holders else perf_counter(), stood)
     try:
         yield
     finally:
         with _lock:
             holders, since, stood = _state
-            _state = _State(holders - 1, since, stood if holders > 1 else stood + perf_counter() - since)
+            _state = _ClockState(holders - 1, since, stood if holders > 1 else stood + perf_counter() - since)

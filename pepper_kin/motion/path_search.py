@@ -44,7 +44,6 @@ from pepper_kin.planners.compiled import (
     PathEnds,
     PausedClock,
     Polyline,
-    Route,
     Search,
     SearchSpace,
     Slices,
@@ -68,6 +67,7 @@ from pepper_kin.planners.compiled import (
     with_room,
 )
 from pepper_kin.planners.compiled import LINE_TIME_UP as TIME_UP
+from pepper_kin.planners.compiled import PathTable as Route
 from pepper_kin.trajectory.path import LIMIT_TOLERANCE, SAME, known_path
 
 SHORTCUTS_TO_COMPARE, GAIN_TO_COMPARE, GAIN_OF_OTHER = 40, 0.02, 0.01

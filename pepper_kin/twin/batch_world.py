@@ -19,7 +19,7 @@ from pepper_kin.core.simulation.shaped_steps import (
     MASS,
     MOTION,
     ROTATION,
-    Bodies,
+    RobotWorlds,
 )
 from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.model.joint_vectors import as_finite
@@ -78,7 +78,7 @@ class BatchWorld:
         self._begin = np.tile(np.reshape(row, (1, len(row), BODY)), (count, 1, 1))
         for name, quantities in (vary or {}).items():
             self._vary(name, quantities)
-        self.bodies = Bodies(
+        self.bodies = RobotWorlds(
             self._begin.copy(),
             np.zeros((count, 6)),
             np.zeros(count, np.int64),

@@ -24,8 +24,8 @@ from .tables import (
     ORDERS,
     WALLS,
     WITHIN_ONE,
-    Tables,
-    Workspace,
+    SplineTables,
+    SplineWorkspace,
 )
 
 _FAR = 1e6
@@ -197,7 +197,9 @@ class Objective:
             for called in self._called:
                 called.check()
 
-    def _make_tables(self, terms: Sequence[CompiledTerm], kinds: list[int], shares: list[float]) -> Tables:
+    def _make_tables(
+        self, terms: Sequence[CompiledTerm], kinds: list[int], shares: list[float]
+    ) -> SplineTables:
         spline, bounds = self.spline, self.bounds
         samplings = [self._samplings[m] for m in kinds]
         counts = [(spline.intervals * m, m) for m in kinds]
@@ -217,7 +219,7 @@ class Objective:
         self._results = first
         finite = np.isfinite(bounds.upper - bounds.lower)
         lower, upper = np.maximum(bounds.lower, -_FAR), np.minimum(bounds.upper, _FAR)
-        return Tables(
+        return SplineTables(
             basis,
             np.array(counts, np.int64).reshape(-1, 2),
             np.array(rows, np.int64).reshape(-1, 8),
@@ -230,12 +232,12 @@ class Objective:
             np.array([float(self.weights.time)]),
         )
 
-    def _make_workspace(self, terms: Sequence[CompiledTerm]) -> Workspace:
+    def _make_workspace(self, terms: Sequence[CompiledTerm]) -> SplineWorkspace:
         spline, basis = self.spline, self.tables.basis
         n, points, size = spline.n, spline.degree + 1, spline.size * spline.n
         count, rows = spline.intervals + spline.degree, sum(term.rows_count for term in terms)
         block = -(-n // TILE_COLUMNS) * TILE_COLUMNS
-        return Workspace(
+        return SplineWorkspace(
             np.empty((len(basis), 3 * basis.shape[2] * n)), np.empty(max(self._results, 1)),
             np.empty((2 + 2 * ORDERS, count, n)), np.empty((size + block, points * n + PADDING)),
             np.empty(size), np.empty(size), np.zeros((rows + 4, points * block)),

@@ -22,15 +22,15 @@ from .tables import (
     WALL,
     WALLS,
     WITHIN_ONE,
-    Tables,
-    Workspace,
+    SplineTables,
+    SplineWorkspace,
 )
 
 _TINY = 1e-200
 
 
 @compiled(lean=True)
-def sample(tables: Tables, work: Workspace, control: Floats2, duration: float) -> None:
+def sample(tables: SplineTables, work: SplineWorkspace, control: Floats2, duration: float) -> None:
     """Write positions, velocities and accelerations at all samples."""
     n, order_count = control.shape[1], tables.basis.shape[3]
     for s in range(tables.counts.shape[0]):
@@ -50,7 +50,7 @@ def sample(tables: Tables, work: Workspace, control: Floats2, duration: float) -
 
 
 @compiled(lean=True)
-def ask_term(tables: Tables, work: Workspace, t: int, what: int) -> int:
+def ask_term(tables: SplineTables, work: SplineWorkspace, t: int, what: int) -> int:
     """Call a term at its samples; return what it does."""
     term = tables.terms[t]
     states = work.states[term[SAMPLING]]
@@ -61,7 +61,7 @@ def ask_term(tables: Tables, work: Workspace, t: int, what: int) -> int:
 
 
 @compiled(lean=True)
-def fill_slacks(tables: Tables, work: Workspace, control: Floats2, duration: float) -> None:
+def fill_slacks(tables: SplineTables, work: SplineWorkspace, control: Floats2, duration: float) -> None:
     """Write what is left to the limits of positions and rates, as shares; 1 for limits that are not there."""
     count, n = control.shape
     slacks, box, rates = work.slacks, tables.box, tables.rates
@@ -85,7 +85,7 @@ def fill_slacks(tables: Tables, work: Workspace, control: Floats2, duration: flo
 
 
 @compiled(lean=True)
-def box_barrier(work: Workspace) -> float:
+def box_barrier(work: SplineWorkspace) -> float:
     """Return the sum of -log(slack); a logarithm is taken of products of many."""
     total, product = 0.0, 1.0
     slacks = work.slacks.reshape(work.slacks.size)
@@ -115,7 +115,7 @@ def barrier_value(values: Floats1, barrier_bound: int) -> float:
 
 
 @compiled(lean=True)
-def jerk_cost(tables: Tables, control: Floats2, duration: float) -> float:
+def jerk_cost(tables: SplineTables, control: Floats2, duration: float) -> float:
     """Return the cost of the jerk, c . J c / T^5."""
     count, n = control.shape
     total = 0.0
@@ -130,7 +130,7 @@ def jerk_cost(tables: Tables, control: Floats2, duration: float) -> float:
 
 
 @compiled(lean=True)
-def term_barrier(tables: Tables, work: Workspace, t: int) -> float:
+def term_barrier(tables: SplineTables, work: SplineWorkspace, t: int) -> float:
     """Return the barrier of a constraint that was asked."""
     term = tables.terms[t]
     count = tables.counts[term[SAMPLING], 0] * term[ROWS_COUNT]
@@ -138,7 +138,7 @@ def term_barrier(tables: Tables, work: Workspace, t: int) -> float:
 
 
 @compiled(lean=True)
-def term_square(tables: Tables, work: Workspace, t: int) -> float:
+def term_square(tables: SplineTables, work: SplineWorkspace, t: int) -> float:
     """Return the sum of the squared values of a cost that was asked."""
     term, total = tables.terms[t], 0.0
     for k in range(term[FIRST], term[FIRST] + tables.counts[term[SAMPLING], 0] * term[ROWS_COUNT]):
@@ -147,7 +147,7 @@ def term_square(tables: Tables, work: Workspace, t: int) -> float:
 
 
 @compiled(lean=True)
-def add_costs(tables: Tables, work: Workspace, control: Floats2, duration: float) -> bool:
+def add_costs(tables: SplineTables, work: SplineWorkspace, control: Floats2, duration: float) -> bool:
     """Write the cost of a motion whose states are known into `numbers`; return whether all terms answered."""
     cost = tables.time_weight[0] * duration + jerk_cost(tables, control, duration)
     for t in range(tables.shares.size):
@@ -161,7 +161,7 @@ def add_costs(tables: Tables, work: Workspace, control: Floats2, duration: float
 
 
 @compiled(lean=True)
-def measure(tables: Tables, work: Workspace, control: Floats2, duration: float) -> bool:
+def measure(tables: SplineTables, work: SplineWorkspace, control: Floats2, duration: float) -> bool:
     """Write the cost and the barrier into `numbers`; return whether all terms answered.
 
     The barrier is infinite, and the cost not known, where a limit or a constraint is not kept.
@@ -185,7 +185,7 @@ def measure(tables: Tables, work: Workspace, control: Floats2, duration: float) 
 
 
 @compiled(lean=True)
-def tighten(tables: Tables, work: Workspace, control: Floats2, duration: float) -> int:
+def tighten(tables: SplineTables, work: SplineWorkspace, control: Floats2, duration: float) -> int:
     """Raise the floors of terms under a motion; return FAILED, RAISED where one of them says so, or 0."""
     sample(tables, work, control, duration)
     found = 0

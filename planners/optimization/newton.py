@@ -23,8 +23,8 @@ from .tables import (
     SHARE,
     STEP,
     WALLS,
-    Tables,
-    Workspace,
+    SplineTables,
+    SplineWorkspace,
 )
 
 ARMIJO = 1e-4
@@ -40,21 +40,21 @@ GOING_ON, CONVERGED, STALLED, TIME_UP, SHORT_ENOUGH, BROKEN = range(6)
 """How a call ends; BROKEN where a term did not answer."""
 
 
-@compiled("boolean(Tables, Workspace, float64[:, ::1], float64)", lean=True)
-def measure_motion(tables: Tables, work: Workspace, control: Floats2, duration: float) -> bool:
+@compiled("boolean(SplineTables, SplineWorkspace, float64[:, ::1], float64)", lean=True)
+def measure_motion(tables: SplineTables, work: SplineWorkspace, control: Floats2, duration: float) -> bool:
     """Write cost and barrier of a motion into `numbers`; see `measure`."""
     return measure(tables, work, control, duration)
 
 
-@compiled("boolean(Tables, Workspace, float64[:, ::1], float64)", lean=True)
-def measure_cost(tables: Tables, work: Workspace, control: Floats2, duration: float) -> bool:
+@compiled("boolean(SplineTables, SplineWorkspace, float64[:, ::1], float64)", lean=True)
+def measure_cost(tables: SplineTables, work: SplineWorkspace, control: Floats2, duration: float) -> bool:
     """Write the cost of a motion that need not keep its limits into `numbers`."""
     sample(tables, work, control, duration)
     return add_costs(tables, work, control, duration)
 
 
 @compiled(lean=True)
-def _try_lengths(tables: Tables, work: Workspace, value: float) -> float:
+def _try_lengths(tables: SplineTables, work: SplineWorkspace, value: float) -> float:
     """Move by the first of 1, 1/2, 1/4 ... of the step that stays inside and lowers the merit.
 
     Returns:
@@ -84,7 +84,9 @@ def _try_lengths(tables: Tables, work: Workspace, value: float) -> float:
 
 
 @compiled(lean=True)
-def _step(tables: Tables, work: Workspace, free_duration: bool, tolerance: float) -> tuple[int, bool]:
+def _step(
+    tables: SplineTables, work: SplineWorkspace, free_duration: bool, tolerance: float
+) -> tuple[int, bool]:
     """Make a step and lower mu where due; return how the search goes on, and whether it moved."""
     numbers = work.numbers
     # Slacks s shrink with mu while mu / s keeps: its curvature, mu / s^2, is that of the mu before.
@@ -125,11 +127,12 @@ def _step(tables: Tables, work: Workspace, free_duration: bool, tolerance: float
 
 
 @compiled(
-    "Tuple(int64, int64)(Tables, Workspace, boolean, int64, float64, float64, float64, int64)", lean=True
+    "Tuple(int64, int64)(SplineTables, SplineWorkspace, boolean, int64, float64, float64, float64, int64)",
+    lean=True,
 )
 def search(
-    tables: Tables, work: Workspace, free_duration: bool, steps: int, tolerance: float, until: float,
-    stop_below: float, clock: int,
+    tables: SplineTables, work: SplineWorkspace, free_duration: bool, steps: int, tolerance: float,
+    until: float, stop_below: float, clock: int,
 ) -> tuple[int, int]:  # fmt: skip
     """Make steps from the motion in the workspace, which keeps all limits.
 

@@ -78,7 +78,7 @@ class Stages:
         per = term.per_interval
         places = [(x, j, i / per) for x, j in zip(self.states, self.jerks, strict=False) for i in range(per)]
         states = zip(*(self.motion(*place) for place in places), strict=True)
-        call = _Values(term, self.n, len(places))
+        call = _TermValues(term, self.n, len(places))
         self._kept.append(call)
         return list(casadi.horzsplit(call(*(casadi.horzcat(*part) for part in states)), per))
 
@@ -231,7 +231,7 @@ def solve_effort(
     return stages.solve(solver, options, np.concatenate(guess, axis=1), low, high)
 
 
-class _Values(casadi.Callback):
+class _TermValues(casadi.Callback):
     """(q, v, a), shape (n, K) each -> values, shape (R, K), of a term at all samples at once.
 
     Derivatives are the term's own; second derivatives count as zero, so that what a solver takes for the
@@ -289,10 +289,10 @@ class _Values(casadi.Callback):
         return self._derivative
 
 
-class _Slopes(_Values):
+class _Slopes(_TermValues):
     """(q, v, a, values) -> derivatives of the values by each, block by block of a sample; theirs are zero."""
 
-    def __init__(self, of: _Values, name: str, options: Any) -> None:
+    def __init__(self, of: _TermValues, name: str, options: Any) -> None:
         casadi.Callback.__init__(self)
         self._term, self._n, self._count, self._rows = of._term, of._n, of._count, of._rows
         self._blocks = of._blocks

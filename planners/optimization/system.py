@@ -30,8 +30,8 @@ from .tables import (
     WALL,
     WALLS,
     WITHIN_ONE,
-    Tables,
-    Workspace,
+    SplineTables,
+    SplineWorkspace,
 )
 
 _FOUR = 4
@@ -90,7 +90,7 @@ def _pad(rows: Floats2, shares: Floats2, count: int) -> int:
 
 
 @compiled(lean=True)
-def _spread(work: Workspace, basis: Floats2, place: int, samples: tuple[int, int], n: int) -> None:
+def _spread(work: SplineWorkspace, basis: Floats2, place: int, samples: tuple[int, int], n: int) -> None:
     """Add matrices of up to four samples, times the weights of two control points there, to the band.
 
     Args:
@@ -120,7 +120,7 @@ def _spread(work: Workspace, basis: Floats2, place: int, samples: tuple[int, int
 
 
 @compiled(lean=True)
-def _cost_factor(tables: Tables, t: int, duration: float) -> float:
+def _cost_factor(tables: SplineTables, t: int, duration: float) -> float:
     """Return by what a term's squares are multiplied, twice; 0 for a constraint."""
     share = tables.shares[t]
     return 2.0 * share * duration / tables.counts[tables.terms[t, SAMPLING], 0] if share >= 0.0 else 0.0
@@ -128,7 +128,12 @@ def _cost_factor(tables: Tables, t: int, duration: float) -> float:
 
 @compiled(lean=True)
 def _gather(
-    tables: Tables, work: Workspace, t: int, k: int, factors: tuple[float, float, float], used: int
+    tables: SplineTables,
+    work: SplineWorkspace,
+    t: int,
+    k: int,
+    factors: tuple[float, float, float],
+    used: int,
 ) -> int:
     """Append the rows of a sample that act, with slopes and curvatures; return how many there are then."""
     term, (mu, bend, share), rows, scaled = tables.terms[t], factors, work.rows, work.scaled
@@ -151,7 +156,7 @@ def _gather(
 
 @compiled(lean=True)
 def _add_by_position(
-    tables: Tables, work: Workspace, s: int, mus: tuple[float, float], duration: float
+    tables: SplineTables, work: SplineWorkspace, s: int, mus: tuple[float, float], duration: float
 ) -> None:
     """Add all terms of one sampling that depend on positions only."""
     rows, scaled, sums, n = work.rows, work.scaled, work.sums, tables.jerk_weight.size
@@ -189,7 +194,12 @@ def _add_by_position(
 
 @compiled(lean=True)
 def _fill_motion_rows(
-    tables: Tables, work: Workspace, t: int, k: int, factors: tuple[float, float, float], duration: float
+    tables: SplineTables,
+    work: SplineWorkspace,
+    t: int,
+    k: int,
+    factors: tuple[float, float, float],
+    duration: float,
 ) -> None:
     """Write the rows of a sample by all control points of its interval, with slopes and curvatures."""
     term, (mu, bend, share), rows, numbers = tables.terms[t], factors, work.rows, work.numbers
@@ -224,7 +234,7 @@ def _fill_motion_rows(
 
 @compiled(lean=True)
 def _add_by_motion(
-    tables: Tables, work: Workspace, t: int, factors: tuple[float, float, float], duration: float
+    tables: SplineTables, work: SplineWorkspace, t: int, factors: tuple[float, float, float], duration: float
 ) -> None:
     """Add a term that depends on velocities and accelerations, too."""
     term, rows, scaled, shares = tables.terms[t], work.rows, work.scaled, work.shares
@@ -259,7 +269,7 @@ def _add_by_motion(
 
 
 @compiled(lean=True)
-def _add_jerk(tables: Tables, work: Workspace, control: Floats2, duration: float) -> float:
+def _add_jerk(tables: SplineTables, work: SplineWorkspace, control: Floats2, duration: float) -> float:
     """Add w |r|^2 with r = jerk T^(1/2); in the duration, r falls as T^(-5/2).  Return the cost."""
     count, n = control.shape
     inner, reach = count - 2 * FIXED, tables.jerk.shape[1]
@@ -289,7 +299,9 @@ def _add_jerk(tables: Tables, work: Workspace, control: Floats2, duration: float
 
 
 @compiled(lean=True)
-def _add_boxes(tables: Tables, work: Workspace, duration: float, mus: tuple[float, float]) -> None:
+def _add_boxes(
+    tables: SplineTables, work: SplineWorkspace, duration: float, mus: tuple[float, float]
+) -> None:
     """Add the barriers of positions, velocities, accelerations and jerks, whose slacks are known."""
     slacks, numbers, (mu, bend) = work.slacks, work.numbers, mus
     n, count = slacks.shape[2], slacks.shape[1]
@@ -330,7 +342,7 @@ def _add_boxes(tables: Tables, work: Workspace, duration: float, mus: tuple[floa
 
 @compiled(lean=True)
 def fill_system(
-    tables: Tables, work: Workspace, control: Floats2, duration: float, mus: tuple[float, float]
+    tables: SplineTables, work: SplineWorkspace, control: Floats2, duration: float, mus: tuple[float, float]
 ) -> bool:
     """Write Newton's equations of cost + mu * barrier, and the two; return whether all terms answered.
 
@@ -372,7 +384,7 @@ def fill_system(
 
 
 @compiled(lean=True)
-def solve_system(work: Workspace, damping: float, free_duration: bool) -> bool:
+def solve_system(work: SplineWorkspace, damping: float, free_duration: bool) -> bool:
     """Write the steps of control points and duration, and gradient . step.
 
     The matrix is replaced by its factor.

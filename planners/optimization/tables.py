@@ -24,7 +24,7 @@ part; number of the last steps that gained next to nothing; mu of the step befor
 NUMBERS = 12
 
 
-class Tables(NamedTuple):
+class SplineTables(NamedTuple):
     """A motion of n coordinates; M intervals, degree p, C = M + p control points, T terms, S samplings.
 
     Attributes:
@@ -54,7 +54,7 @@ class Tables(NamedTuple):
     time_weight: Floats1
 
 
-class Workspace(NamedTuple):
+class SplineWorkspace(NamedTuple):
     """Scratch space of one search.
 
     Attributes:

@@ -5,7 +5,7 @@ import pytest
 
 import pepper_kin as pk
 from pepper_kin.collision import checker_for, least_clearance
-from pepper_kin.collision.least_clearance import _Search
+from pepper_kin.collision.least_clearance import _LeastClearanceSearch
 from pepper_kin.collision.near_pairs import measure_by_coal
 from pepper_kin.core.certificates import clearance
 from pepper_kin.exceptions import InvalidValueError
@@ -71,7 +71,7 @@ def test_timed_motions_are_measured_in_few_places():
 
 def bounds_at(checker, path, pairs):
     """Of pairs: bounds on the distances at the first configuration, and on how much nearer they come then."""
-    search = _Search(checker, path)
+    search = _LeastClearanceSearch(checker, path)
     (poses, _), bodies = search._workspace(), search.bodies
     poses.used[:] = True
     clearance._place_joints(bodies, search.path[0], poses)

@@ -16,7 +16,7 @@ from pepper_kin.planners import (
     Problem,
     rrt_connect,
 )
-from pepper_kin.planners.motion_validator import Callback
+from pepper_kin.planners.motion_validator import ValidatorCallback
 from pepper_kin.planners.sampling import stream_key, uniform
 from pepper_kin.planners.search_space import STOP, SearchSpace, edge_valid, last_valid_step
 from pepper_kin.planners.tree import ABREAST, k_nearest, nearest, set_lane
@@ -49,7 +49,7 @@ class Interval:
 
 def whole_edge(valid, a: float, b: float, steps: int) -> bool:  # type: ignore[no-untyped-def]
     counters, ends = np.zeros(STOP + 1, dtype=np.int64), (np.array([a]), np.array([b]))
-    with Callback(MotionValidator(valid, Metric(np.ones(1)), 1.0), 1) as code:
+    with ValidatorCallback(MotionValidator(valid, Metric(np.ones(1)), 1.0), 1) as code:
         return edge_valid(space_of(code), *ends, steps, np.empty((2, 1)), counters, False)
 
 
@@ -60,7 +60,7 @@ def test_the_start_of_an_edge_is_looked_at_where_it_is_asked_for(steps: int) -> 
     verdicts = []
     for low, high in ((-1e-6, 1e-6), (9.0, 9.0)):  # only the start is invalid; nothing is
         valid = Interval(low, high)
-        with Callback(MotionValidator(valid, Metric(np.ones(1)), 1.0), 1) as code:
+        with ValidatorCallback(MotionValidator(valid, Metric(np.ones(1)), 1.0), 1) as code:
             for with_start in (False, True):
                 verdicts.append(edge_valid(space_of(code), a, b, steps, rows, counters, with_start))
         assert min(abs(x) for x in valid.visited) < 1e-12
@@ -95,7 +95,7 @@ def test_obstacle_is_seen_early() -> None:
 def test_a_callable_is_followed_as_far_as_machine_code(discs, machine_code) -> None:  # type: ignore[no-untyped-def]
     code, rng = machine_code(discs), np.random.default_rng(2)
     counted = np.zeros((2, 2), dtype=np.int64)
-    with Callback(MotionValidator(discs.free, Metric(np.ones(2)), 1.0), 2) as called:
+    with ValidatorCallback(MotionValidator(discs.free, Metric(np.ones(2)), 1.0), 2) as called:
         for a, b in rng.random((100, 2, 2)):
             steps = max(1, int(np.ceil(np.linalg.norm(b - a) / 0.013)))
             found = [
@@ -113,7 +113,7 @@ def test_what_a_callable_raises_comes_out_at_the_end() -> None:
         raise ZeroDivisionError("in the oracle")
 
     checker = MotionValidator(broken, Metric(np.ones(1)), 0.1)
-    with pytest.raises(ZeroDivisionError, match="in the oracle"), Callback(checker, 1) as code:
+    with pytest.raises(ZeroDivisionError, match="in the oracle"), ValidatorCallback(checker, 1) as code:
         assert last_valid_step(space_of(code), np.zeros(1), np.ones(1), 5, np.zeros(3, np.int64)) == 0
 
 
@@ -121,7 +121,7 @@ def test_wrong_answers_of_a_callable_are_named() -> None:
     checker = MotionValidator(lambda x: np.ones(len(x)), Metric(np.ones(1)), 0.1)
     with (
         pytest.raises(InvalidValueError, match="answer of the checker: got float64"),
-        Callback(checker, 1) as code,
+        ValidatorCallback(checker, 1) as code,
     ):
         last_valid_step(space_of(code), np.zeros(1), np.ones(1), 5, np.zeros(3, np.int64))
 

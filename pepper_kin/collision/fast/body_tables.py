@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pepper_kin.arrays import Array
 from pepper_kin.collision.fast.ball_cover import ball_cover
 from pepper_kin.collision.fast.solids import Solid
-from pepper_kin.collision.fast.structure import Structure, ball_order, bounding_ball
+from pepper_kin.collision.fast.structure import ComparedParts, ball_order, bounding_ball
 from pepper_kin.core.collision.ball_check import BLOCK, POINT, SEGMENT
 from pepper_kin.core.collision.layout import CLOUD, CYLINDER, HULL
 from pepper_kin.core.collision.records import (
@@ -38,7 +38,7 @@ MOST_BALLS = 8
 class BodyTables:
     """The tables of bodies, groups, balls, cores and pairs; the world is the last body."""
 
-    def __init__(self, pepper: PepperModel, structure: Structure) -> None:
+    def __init__(self, pepper: PepperModel, structure: ComparedParts) -> None:
         self._structure, self._tree = structure, read_frames(pepper, compact=True)
         tree, solids = self._tree, structure.solids
         count = len(tree.bodies)

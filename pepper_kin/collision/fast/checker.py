@@ -145,21 +145,6 @@ class FastChecker:
             found[rows] = self.exact.with_margins(self.exact.margin, margin).in_collision(flat[rows])
         return found != 0
 
-    def surely_free(self, q: ArrayLike) -> NDArray[np.bool_]:
-        """Whether surely nothing touches, shape (...,), at joint positions q, shape (..., n) [rad or m].
-
-        The same as `~in_collision(q)`, but that ties are not asked of coal and count as contacts, as they do
-        in `compiled`.  Shapes that are no convex solids are left to coal here too.
-
-        Raises:
-            InvalidValueError: for a q of wrong length, or with NaN or infinity.
-        """
-        if not self._decided:
-            return ~self.in_collision(q)
-        q_all = as_joint_vectors(self.pepper, q, "q")
-        verdicts, _ = self._verdicts(_rows(q_all.reshape(-1, self.pepper.n)), 1)
-        return np.asarray((verdicts == 0).reshape(q_all.shape[:-1]))
-
     def doubts(self, q: ArrayLike) -> tuple[int, int]:
         """Return how many of the configurations q, shape (..., n), are left in doubt by spheres, by all."""
         flat = _rows(as_joint_vectors(self.pepper, q, "q").reshape(-1, self.pepper.n))

@@ -6,13 +6,13 @@ import numpy as np
 
 from pepper_kin.arrays import Array
 from pepper_kin.collision.fast.solids import Solid
-from pepper_kin.collision.fast.structure import Structure
+from pepper_kin.collision.fast.structure import ComparedParts
 from pepper_kin.collision.motion_tree import Hull, motion_bounds_of
 from pepper_kin.model import PepperModel
 from pepper_kin.model.moving_tree import moving_tree
 
 
-def part_motion_bounds(pepper: PepperModel, structure: Structure) -> Array:
+def part_motion_bounds(pepper: PepperModel, structure: ComparedParts) -> Array:
     """Return for each class of pairs and each group to the scene how far it moves per unit of each joint.
 
     Two bodies come nearer by at most the sum over the joints that carry one of them and not the other; how

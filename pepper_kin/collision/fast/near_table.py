@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pepper_kin.arrays import Array
 from pepper_kin.collision.checker import CollisionChecker
 from pepper_kin.collision.fast.joint_table import joint_table
-from pepper_kin.collision.fast.structure import Structure, structure_of
+from pepper_kin.collision.fast.structure import ComparedParts, structure_of
 from pepper_kin.collision.solids import HalfSpace
 from pepper_kin.core.collision.distances import CARRIER, COUNT, FIRST, PLANE, SHAPE, NearTable
 from pepper_kin.core.collision.layout import BOX, HULL, OTHER
@@ -22,7 +22,7 @@ MOST_VERTICES = 64
 """Of hulls of more, only the vertices are kept that lie farthest in so many directions: they guide only."""
 
 
-_kept: WeakKeyDictionary[Structure, NearTable] = WeakKeyDictionary()
+_kept: WeakKeyDictionary[ComparedParts, NearTable] = WeakKeyDictionary()
 
 
 def near_table(checker: CollisionChecker) -> NearTable:
@@ -37,7 +37,7 @@ def near_table(checker: CollisionChecker) -> NearTable:
     return table
 
 
-def _make_table(pepper: PepperModel, structure: Structure) -> NearTable:
+def _make_table(pepper: PepperModel, structure: ComparedParts) -> NearTable:
     moving, count = structure.moving, len(structure.solids)
     rows = np.concatenate([moving.rows, structure.object_rows])
     shapes, vertices, place = np.zeros((len(rows), SHAPE)), [np.zeros((0, 3))], 0
@@ -73,7 +73,7 @@ def movable(table: NearTable) -> NearTable:
     return among(table, known[first] & known[second] & (carriers[first] != carriers[second]))
 
 
-def _pairs(structure: Structure) -> NDArray[np.int64]:
+def _pairs(structure: ComparedParts) -> NDArray[np.int64]:
     """Return the pairs that a checker compares, places among all shapes, in its order, shape (k, 2)."""
     count = len(structure.solids)
     own = [pair for pairs in structure.classes for pair in pairs]

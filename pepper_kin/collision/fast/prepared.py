@@ -26,8 +26,8 @@ from pepper_kin.collision.fast.scene_block import (
     words,
 )
 from pepper_kin.collision.fast.structure import (
+    ComparedParts,
     MovingParts,
-    Structure,
     structure_of,
 )
 from pepper_kin.collision.fast.tables import pack_tables
@@ -97,7 +97,7 @@ class Prepared:
         bodies_of_solids: Which body each solid of the robot belongs to, shape (solids,).
     """
 
-    structure: Structure
+    structure: ComparedParts
     block: Array
     scene: SceneBlock
     margins: tuple[float, float]
@@ -139,7 +139,9 @@ class _Robot:
         motion_bounds: See `Prepared`.
     """
 
-    def __init__(self, pepper: PepperModel, structure: Structure, ranges: tuple[DependentRange, ...]) -> None:
+    def __init__(
+        self, pepper: PepperModel, structure: ComparedParts, ranges: tuple[DependentRange, ...]
+    ) -> None:
         tables, self.rounding = BodyTables(pepper, structure), Rounding(pepper, structure.solids)
         self.motion_bounds = part_motion_bounds(pepper, structure)
         self.block = at.pack(
@@ -172,14 +174,14 @@ def prepare(checker: CollisionChecker) -> Prepared:
     return Prepared(structure, robot.block, scene, margins, *own)
 
 
-_shared: WeakKeyDictionary[CollisionChecker, tuple[Structure, _Robot, SceneBlock]] = WeakKeyDictionary()
+_shared: WeakKeyDictionary[CollisionChecker, tuple[ComparedParts, _Robot, SceneBlock]] = WeakKeyDictionary()
 """What checkers of the same shapes share, whatever their margins."""
 _kept: RobotMemory[tuple[MovingParts, tuple[tuple[int, ...], ...], tuple[DependentRange, ...]], _Robot] = (
     RobotMemory()
 )
 
 
-def _robot_of(pepper: PepperModel, structure: Structure, ranges: tuple[DependentRange, ...]) -> _Robot:
+def _robot_of(pepper: PepperModel, structure: ComparedParts, ranges: tuple[DependentRange, ...]) -> _Robot:
     key, kept = (structure.moving, structure.groups, ranges), _kept.of(pepper)
     if key not in kept:
         if len(kept) >= MOST_ROBOTS:
@@ -193,7 +195,7 @@ def _carried(pepper: PepperModel) -> NDArray[np.bool_]:
 
 
 def _constants(
-    pepper: PepperModel, structure: Structure, tables: BodyTables, rounding: Rounding
+    pepper: PepperModel, structure: ComparedParts, tables: BodyTables, rounding: Rounding
 ) -> dict[int, Array]:
     """Return the sections of constants."""
     members = [(g, i) for g, group in enumerate(structure.groups) for i in group]
@@ -272,7 +274,7 @@ def _ranges(ranges: tuple[DependentRange, ...]) -> dict[int, Array]:
     return dict(zip((at.TABLE_HEADS, at.TABLES, at.TABLE_CELLS), pack_tables(ranges), strict=True))
 
 
-def _scratch(pepper: PepperModel, structure: Structure, tables: BodyTables) -> dict[int, Array]:
+def _scratch(pepper: PepperModel, structure: ComparedParts, tables: BodyTables) -> dict[int, Array]:
     n, joints, bodies = pepper.n, moving_tree(pepper).count, len(tables.bodies)
     pose = LANE_POSE.row(rotation=np.repeat(np.eye(3).ravel(), LANES), origin=np.zeros(3 * LANES))
     poses = np.zeros((bodies + 1, LANE_POSE.width), np.float32)

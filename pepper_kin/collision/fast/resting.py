@@ -10,7 +10,7 @@ import numpy as np
 from pepper_kin.collision.bodies import world_body
 from pepper_kin.collision.checker import RANGE_RADIUS
 from pepper_kin.collision.fast.prepared import Prepared
-from pepper_kin.collision.fast.structure import Structure
+from pepper_kin.collision.fast.structure import ComparedParts
 from pepper_kin.collision.solids import PointCloud
 from pepper_kin.core.collision import layout as at
 from pepper_kin.core.collision.check import set_margins
@@ -36,12 +36,12 @@ def resting_contact(prepared: Prepared, margin: float) -> bool:
     return False
 
 
-def resting_margin(structure: Structure) -> float:
+def resting_margin(structure: ComparedParts) -> float:
     """Return a margin below which no pair is that never moves against one another [m]; inf without any."""
     return structure.gaps[1] - SURE
 
 
-def resting_distance(structure: Structure) -> float:
+def resting_distance(structure: ComparedParts) -> float:
     """Return a distance that pairs which never move against one another keep [m]; inf without any.
 
     It is the least of theirs; of clouds, that of their points to the boxes around the robot's solids.
@@ -54,10 +54,10 @@ def resting_distance(structure: Structure) -> float:
     return least
 
 
-_known: WeakKeyDictionary[Structure, dict[tuple[int, int], float]] = WeakKeyDictionary()
+_known: WeakKeyDictionary[ComparedParts, dict[tuple[int, int], float]] = WeakKeyDictionary()
 
 
-def _distance(structure: Structure, i: int, o: int) -> float:
+def _distance(structure: ComparedParts, i: int, o: int) -> float:
     """Return the distance of a pair [m], or for a cloud a bound of it, measured once."""
     import coal
 
@@ -78,7 +78,7 @@ def _distance(structure: Structure, i: int, o: int) -> float:
     return known[i, o]
 
 
-def _collides(structure: Structure, i: int, o: int, margin: float) -> bool:
+def _collides(structure: ComparedParts, i: int, o: int, margin: float) -> bool:
     """Return coal's verdict on a pair."""
     import coal
 

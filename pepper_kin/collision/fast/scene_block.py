@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pepper_kin.arrays import Array
 from pepper_kin.collision.fast.rounding import COMPARING, FAR, Rounding
 from pepper_kin.collision.fast.solids import Solid
-from pepper_kin.collision.fast.structure import Structure
+from pepper_kin.collision.fast.structure import ComparedParts
 from pepper_kin.core.collision import layout as at
 from pepper_kin.core.collision.records import NODE, OBJECT, ROOT
 from pepper_kin.core.collision.scene_rows import write_objects
@@ -35,7 +35,7 @@ class SceneBlock(NamedTuple):
     kept: tuple[Array, ...]
 
 
-def scene_block(structure: Structure, rounding: Rounding) -> SceneBlock:
+def scene_block(structure: ComparedParts, rounding: Rounding) -> SceneBlock:
     """Return the block of a scene as one robot sees it."""
     rows, special, count = structure.object_rows, structure.special, len(structure.items)
     items, corners = np.empty((count, OBJECT.width), np.float32), np.empty((2, count, 3))

@@ -71,7 +71,7 @@ class MovingParts:
 
 
 @dataclass(frozen=True, eq=False)
-class Structure:
+class ComparedParts:
     """What is compared.
 
     Attributes:
@@ -144,13 +144,13 @@ def _are_decided(solids: Iterable[Solid]) -> bool:
     return all(solid.filled and solid.kind != OTHER for solid in solids)
 
 
-def structure_of(checker: CollisionChecker) -> Structure:
+def structure_of(checker: CollisionChecker) -> ComparedParts:
     """Sort the pairs that a checker compares: at all margins the same, which planners try several of."""
     return _structure(checker.pepper, checker.scene)
 
 
 @kept_for_robot(most=32)
-def _structure(pepper: PepperModel, scene: Scene) -> Structure:
+def _structure(pepper: PepperModel, scene: Scene) -> ComparedParts:
     attached = tuple(scene.attached.values())
     held = frozenset(pair for pair in scene.allowed if attached and not scene.objects.keys() & set(pair))
     moving, items = _moving(pepper, attached, held), tuple(solid_objects(scene))
@@ -161,7 +161,7 @@ def _structure(pepper: PepperModel, scene: Scene) -> Structure:
         pairs = np.empty((len(based), len(items), 2), np.int64)
         pairs[:, :, 0], pairs[:, :, 1] = based[:, None], places
         met = np.ones((len(ends), len(plain)), np.uint8)
-        return Structure(moving, plain, items, places, ends, met, pairs.reshape(-1, 2))
+        return ComparedParts(moving, plain, items, places, ends, met, pairs.reshape(-1, 2))
     together: dict[tuple[int, frozenset[str]], list[int]] = {}
     for i, solid in enumerate(moving.solids):
         together.setdefault((solid.joint, allowed.get(solid.owner, none)), []).append(i)
@@ -182,7 +182,7 @@ def _structure(pepper: PepperModel, scene: Scene) -> Structure:
     met = np.zeros((len(sets), len(in_order)), np.uint8)
     for s, groups in enumerate(sets):
         met[s, list(groups)] = 1
-    return Structure(
+    return ComparedParts(
         moving,
         tuple(tuple(together[key]) for key in in_order),
         items,

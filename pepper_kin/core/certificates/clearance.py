@@ -95,7 +95,7 @@ class Poses(NamedTuple):
     used: Flags1
 
 
-class Search(NamedTuple):
+class ClearanceSearch(NamedTuple):
     """Where the search is.
 
     Attributes:
@@ -309,7 +309,7 @@ def _later(times: Floats1, start: int, end: int, middle: int) -> float:
 
 
 @compiled(lean=True)
-def _place(bodies: Bodies, path: Floats2, poses: Poses, search: Search) -> None:
+def _place(bodies: Bodies, path: Floats2, poses: Poses, search: ClearanceSearch) -> None:
     """Place the open pairs in the middle of a stretch, and write the steps to its halves; path: (T, J)."""
     at = search.at
     middle = at[MIDDLE]
@@ -325,7 +325,7 @@ def _place(bodies: Bodies, path: Floats2, poses: Poses, search: Search) -> None:
 
 
 @compiled(lean=True)
-def _close(search: Search, limit: float) -> None:
+def _close(search: ClearanceSearch, limit: float) -> None:
     """Remove open pairs that stay farther than a limit in the whole stretch."""
     at, count = search.at, 0
     for i in range(at[OPEN]):
@@ -336,7 +336,7 @@ def _close(search: Search, limit: float) -> None:
 
 
 @compiled(lean=True, inline=True)
-def _move(search: Search, i: int, k: int) -> None:
+def _move(search: ClearanceSearch, i: int, k: int) -> None:
     """Exchange two open pairs."""
     search.pair[i], search.pair[k] = search.pair[k], search.pair[i]
     search.low[i], search.low[k] = search.low[k], search.low[i]
@@ -346,7 +346,7 @@ def _move(search: Search, i: int, k: int) -> None:
 
 
 @compiled(lean=True)
-def _look(bodies: Bodies, path: Floats2, times: Floats1, poses: Poses, search: Search) -> None:
+def _look(bodies: Bodies, path: Floats2, times: Floats1, poses: Poses, search: ClearanceSearch) -> None:
     """Bound the distances of the open pairs in the middle of a stretch, and choose those to measure.
 
     A pair is closed where it stays farther than the least distance found, or than what another pair has in
@@ -386,7 +386,7 @@ def _look(bodies: Bodies, path: Floats2, times: Floats1, poses: Poses, search: S
 
 
 @compiled(lean=True)
-def _take(search: Search, count: int) -> bool:
+def _take(search: ClearanceSearch, count: int) -> bool:
     """Choose the next of `count` configurations to look at, and its open pairs; False if all is done."""
     at, limit = search.at, search.best[0] + ROUNDING
     if at[NEXT] < count:
@@ -421,7 +421,7 @@ def _take(search: Search, count: int) -> bool:
 
 
 @compiled(lean=True)
-def _bound(search: Search, half: int) -> float:
+def _bound(search: ClearanceSearch, half: int) -> float:
     """Return a lower bound of the distances of the pairs that are open in a half [m]."""
     bound = math.inf
     for i in range(search.at[OPEN]):
@@ -431,7 +431,7 @@ def _bound(search: Search, half: int) -> float:
 
 
 @compiled(lean=True)
-def _keep(search: Search, half: int, bound: float) -> None:
+def _keep(search: ClearanceSearch, half: int, bound: float) -> None:
     """Let a half of the stretch that was looked at wait, with the pairs that are open there."""
     at, limit = search.at, search.best[0] + ROUNDING
     start, end = (at[START], at[MIDDLE]) if half == 0 else (at[MIDDLE] + 1, at[END])
@@ -454,8 +454,8 @@ def _keep(search: Search, half: int, bound: float) -> None:
     stretch[3] = at[TOP] - stretch[2]
 
 
-@compiled("int64(Bodies, float64[:, ::1], float64[::1], Poses, Search)")
-def search_least(bodies: Bodies, path: Floats2, times: Floats1, poses: Poses, search: Search) -> int:
+@compiled("int64(Bodies, float64[:, ::1], float64[::1], Poses, ClearanceSearch)")
+def search_least(bodies: Bodies, path: Floats2, times: Floats1, poses: Poses, search: ClearanceSearch) -> int:
     """Search for the least distance along a path until distances have to be measured.
 
     Stretches of the path are halved, each with the pairs that are open in it, those first whose bounds are

@@ -33,7 +33,7 @@ from pepper_kin.core.inverse_kinematics.search import (
     STATUS,
     STOP,
     UNREACHABLE,
-    Search,
+    MultiStartSearch,
     SearchOptions,
     TaskTables,
     is_held,
@@ -94,7 +94,7 @@ differ."""
 
 
 @compiled
-def _judge(search: Search, workspace: Workspace, judgment: Floats1) -> None:
+def _judge(search: MultiStartSearch, workspace: Workspace, judgment: Floats1) -> None:
     """Judge `inputs`: whether it is free, meets the tasks, can be held, and how near it is.
 
     It is near to q0 where the tasks are met, else to the target.  The judgment, shape (4,), is written.
@@ -117,7 +117,7 @@ def _is_better(judgment: Floats1, best: Floats1) -> bool:
 
 
 @compiled
-def _take_better(search: Search, workspace: Workspace, best: Floats1, answer: Floats1) -> None:
+def _take_better(search: MultiStartSearch, workspace: Workspace, best: Floats1, answer: Floats1) -> None:
     """Keep `inputs` as the answer if it is the best so far; its judgment, shape (4,), is kept in `best`."""
     judgment = np.empty(4)
     _judge(search, workspace, judgment)
@@ -127,7 +127,7 @@ def _take_better(search: Search, workspace: Workspace, best: Floats1, answer: Fl
 
 
 @compiled
-def _descend_clear(search: Search, workspace: Workspace, best: Floats1, answer: Floats1) -> None:
+def _descend_clear(search: MultiStartSearch, workspace: Workspace, best: Floats1, answer: Floats1) -> None:
     """Descend from `inputs` to where the tasks are met and nothing touches; shapes as in `_search_round`."""
     problem, options = search.problem, search.options
     answer[problem.reference.size + problem.tolerance.size + ITERATIONS] += descend(
@@ -137,7 +137,7 @@ def _descend_clear(search: Search, workspace: Workspace, best: Floats1, answer: 
 
 
 @compiled
-def _move_along(search: Search, workspace: Workspace, best: Floats1, answer: Floats1) -> None:
+def _move_along(search: MultiStartSearch, workspace: Workspace, best: Floats1, answer: Floats1) -> None:
     """Move `inputs`, which meets the tasks, clear; shapes as in `_search_round`.
 
     The distances of what is near are measured once for some steps, and taken for linear in q: most solutions
@@ -156,7 +156,7 @@ def _move_along(search: Search, workspace: Workspace, best: Floats1, answer: Flo
 
 
 @compiled
-def _descend_and_move(search: Search, workspace: Workspace, best: Floats1, answer: Floats1) -> None:
+def _descend_and_move(search: MultiStartSearch, workspace: Workspace, best: Floats1, answer: Floats1) -> None:
     """Descend from `inputs` with collisions left out, and move clear what meets the tasks.
 
     In a third of the time of `_descend_clear`, which succeeds a little more often.  Shapes as in
@@ -171,7 +171,9 @@ def _descend_and_move(search: Search, workspace: Workspace, best: Floats1, answe
 
 
 @compiled
-def _clear_start(search: Search, workspace: Workspace, exact: bool, best: Floats1, answer: Floats1) -> None:
+def _clear_start(
+    search: MultiStartSearch, workspace: Workspace, exact: bool, best: Floats1, answer: Floats1
+) -> None:
     """Move `search.start`, which meets the tasks, clear; shapes as in `_search_round`.
 
     With `exact`, what is near is measured in each step where that fails: no further starts follow at once.
@@ -193,7 +195,13 @@ def _is_solved(best: Floats1) -> bool:
 
 @compiled
 def _search_round(
-    search: Search, workspace: Workspace, count: int, number: int, wide: bool, best: Floats1, answer: Floats1
+    search: MultiStartSearch,
+    workspace: Workspace,
+    count: int,
+    number: int,
+    wide: bool,
+    best: Floats1,
+    answer: Floats1,
 ) -> None:
     """Descend from so many starts ever farther from q0, until one ends well.
 
@@ -229,7 +237,7 @@ def _search_round(
 
 @compiled
 def _search_closest(
-    search: Search, workspace: Workspace, number: int, best: Floats1, answer: Floats1
+    search: MultiStartSearch, workspace: Workspace, number: int, best: Floats1, answer: Floats1
 ) -> None:
     """Search for the configuration clear of collisions that comes closest to the targets, q0 if none better.
 
@@ -264,7 +272,7 @@ def _search_closest(
 
 
 @compiled
-def _move_clear(search: Search, workspace: Workspace, best: Floats1, answer: Floats1) -> None:
+def _move_clear(search: MultiStartSearch, workspace: Workspace, best: Floats1, answer: Floats1) -> None:
     """Move what was found clear of collisions, or back to q0.  Arguments and shapes as of `_search_round`."""
     problem, n = search.problem, search.problem.reference.size
     workspace.inputs[:n] = problem.reference
@@ -278,7 +286,7 @@ def _move_clear(search: Search, workspace: Workspace, best: Floats1, answer: Flo
 
 
 @compiled
-def _descend_firmly(search: Search, workspace: Workspace, best: Floats1, answer: Floats1) -> bool:
+def _descend_firmly(search: MultiStartSearch, workspace: Workspace, best: Floats1, answer: Floats1) -> bool:
     """Descend from `inputs`, with more weight on the distances where that ends in contact.
 
     Returns whether the search goes on.  Arguments and shapes as of `_search_round`.
@@ -299,7 +307,7 @@ def _descend_firmly(search: Search, workspace: Workspace, best: Floats1, answer:
 
 @compiled
 def search_among_obstacles(
-    search: Search, workspace: Workspace, bounds: Floats2, met: bool, answer: Floats1
+    search: MultiStartSearch, workspace: Workspace, bounds: Floats2, met: bool, answer: Floats1
 ) -> int:
     """Continue the search where the configuration that was found touches something; return the status.
 
@@ -326,7 +334,7 @@ def search_among_obstacles(
         return COLLISION
     problem = make_problem(tables, options, n, search.problem.work, search.problem.reference)
     set_bounds(problem, bounds)
-    wide = Search(tables, options, search.tests, problem, search.torque, search.costs, search.start)
+    wide = MultiStartSearch(tables, options, search.tests, problem, search.torque, search.costs, search.start)
     larger = make_workspace(workspace.inputs, problem, search.tests)
     larger.watch[0], larger.stop[0] = workspace.watch[0], workspace.stop[0]
     if met and larger.stop[0] == 0:
@@ -353,7 +361,9 @@ def search_among_obstacles(
 
 
 @compiled
-def _is_met_without_limits(search: Search, workspace: Workspace, moves: Floats1, answer: Floats1) -> bool:
+def _is_met_without_limits(
+    search: MultiStartSearch, workspace: Workspace, moves: Floats1, answer: Floats1
+) -> bool:
     """Whether the same joints meet the tasks once their limits are taken away.
 
     Args:
@@ -373,7 +383,7 @@ def _is_met_without_limits(search: Search, workspace: Workspace, moves: Floats1,
         bounded.reference, bounded.tolerance, bounded.stop_when_met, bounded.clock, bounded.deadline,
         bounded.signals,
     )  # fmt: skip
-    free = Search(search.tables, options, tests, problem, search.torque, search.costs, search.start)
+    free = MultiStartSearch(search.tables, options, tests, problem, search.torque, search.costs, search.start)
     for number in range(min(STARTS_WITHOUT_LIMITS, options.restarts) + 2):
         if workspace.stop[0] != 0 or is_over(problem, workspace):
             return False

@@ -29,7 +29,7 @@ from pepper_kin.core.inverse_kinematics.search import (
     STATUS,
     STOP,
     UNREACHABLE,
-    Search,
+    MultiStartSearch,
     SearchOptions,
     TaskTables,
     agree,
@@ -61,7 +61,7 @@ all."""
 
 
 @compiled(lean=True)
-def _descend_aside(search: Search, workspace: Workspace, steps: int) -> int:
+def _descend_aside(search: MultiStartSearch, workspace: Workspace, steps: int) -> int:
     """Descend from q0 and, as far as the tasks let it, away from what is near there; return the steps.
 
     What a first solution touches is mostly near at q0 already: in Stand, wrists are 3 mm beside the pelvis.
@@ -84,7 +84,7 @@ def _descend_aside(search: Search, workspace: Workspace, steps: int) -> int:
 
 
 @compiled(lean=True)
-def _search(search: Search, workspace: Workspace, answer: Floats1) -> bool:
+def _search(search: MultiStartSearch, workspace: Workspace, answer: Floats1) -> bool:
     """Descend from `inputs` and, until a good solution, from further starts; collisions are left out.
 
     Args:

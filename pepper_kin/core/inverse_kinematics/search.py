@@ -110,7 +110,7 @@ class SearchOptions(NamedTuple):
     signals: Ints1
 
 
-class Search(NamedTuple):
+class MultiStartSearch(NamedTuple):
     """A search at work.
 
     Attributes:
@@ -146,7 +146,7 @@ def _point(options: SearchOptions, i: int, number: int) -> float:
 
 
 @compiled(lean=True)
-def write_start(search: Search, workspace: Workspace, number: int, only: int) -> None:
+def write_start(search: MultiStartSearch, workspace: Workspace, number: int, only: int) -> None:
     """Write the start of a restart, counted from 0, into `inputs`.
 
     Where `only` is not negative, it is this one of the number's points as it stands.
@@ -180,7 +180,7 @@ def write_start(search: Search, workspace: Workspace, number: int, only: int) ->
 
 
 @compiled(lean=True)
-def write_way_start(search: Search, workspace: Workspace, number: int, reach: float) -> None:
+def write_way_start(search: MultiStartSearch, workspace: Workspace, number: int, reach: float) -> None:
     """Write a start into `inputs` that lies part of the way, `reach`, from q0 to a point of the joint box."""
     problem = search.problem
     for i in range(problem.joints.size):
@@ -191,7 +191,7 @@ def write_way_start(search: Search, workspace: Workspace, number: int, reach: fl
 
 
 @compiled(lean=True)
-def write_straightened(search: Search, workspace: Workspace, part: float, answer: Floats1) -> None:
+def write_straightened(search: MultiStartSearch, workspace: Workspace, part: float, answer: Floats1) -> None:
     """Write the best solution so far into `inputs`, the joints that carry much moved back by a part to q0.
 
     The solution begins `answer`, see `keep`, shape (n + t + EXTRA,).
@@ -205,7 +205,7 @@ def write_straightened(search: Search, workspace: Workspace, part: float, answer
 
 
 @compiled(lean=True)
-def write_shifted(search: Search, workspace: Workspace, number: int, answer: Floats1) -> None:
+def write_shifted(search: MultiStartSearch, workspace: Workspace, number: int, answer: Floats1) -> None:
     """Write the best configuration so far into `inputs`, each joint shifted a little.
 
     The configuration begins `answer`, see `keep`, shape (n + t + EXTRA,).
@@ -218,7 +218,7 @@ def write_shifted(search: Search, workspace: Workspace, number: int, answer: Flo
 
 
 @compiled(lean=True, inline=True)
-def is_held(search: Search, q: Floats1) -> bool:
+def is_held(search: MultiStartSearch, q: Floats1) -> bool:
     """Whether the motors hold q, shape (n,) or longer: |g_i| <= effort limit for every joint."""
     tables = search.tables
     call_kernel(tables.gravity, q.ctypes.data, search.torque.ctypes.data, search.problem.work.ctypes.data)
@@ -307,16 +307,16 @@ def set_bounds(problem: SolverProblem, bounds: Floats2) -> None:
 
 
 @compiled
-def make_search(tables: TaskTables, options: SearchOptions, tests: CollisionTests) -> Search:
+def make_search(tables: TaskTables, options: SearchOptions, tests: CollisionTests) -> MultiStartSearch:
     """Return a search in which the joints of the tasks move; `set_row` sets its problem."""
     n = tables.effort.size
     problem = make_problem(tables, options, tables.task_joints, np.empty(tables.work_size), np.empty(n))
     costs = np.empty((options.restarts + 2) * (REFLECTIONS + 1))
-    return Search(tables, options, tests, problem, np.empty(n), costs, np.empty(n))
+    return MultiStartSearch(tables, options, tests, problem, np.empty(n), costs, np.empty(n))
 
 
 @compiled
-def set_row(search: Search, workspace: Workspace, bounds: Floats2, row: Floats1) -> None:
+def set_row(search: MultiStartSearch, workspace: Workspace, bounds: Floats2, row: Floats1) -> None:
     """Set the problem of a row of input, see `Workspace.inputs`; `bounds` are those of `solve_rows`."""
     search.problem.reference[:] = row[: search.start.size]
     workspace.inputs[:] = row

@@ -81,7 +81,7 @@ class ContactProblem(NamedTuple):
     sound: bool
 
 
-class RobotMotion(NamedTuple):
+class FreeStep(NamedTuple):
     """The robot's step without contacts: v+ = v + h mass_hat^-1 force; n is 0 for a robot held still.
 
     Attributes:
@@ -132,7 +132,7 @@ def room_for(points: int, velocities: int) -> int:
 @compiled
 def assemble(
     count: int, points: ContactPoints, shapes: ShapeTable, tree: TreeTable, at: TreeMotion, bodies: BodyTable,
-    robot: RobotMotion, h: float,
+    robot: FreeStep, h: float,
 ) -> ContactProblem:  # fmt: skip
     """Return the contact problem of a step, in the memory of the points.
 
@@ -372,7 +372,7 @@ def _add_responses(
 
 @compiled(lean=True)
 def _add_robot(
-    robot: RobotMotion, h: float, lower: Floats2, mass: Floats2, free: Floats1, start: Floats1
+    robot: FreeStep, h: float, lower: Floats2, mass: Floats2, free: Floats1, start: Floats1
 ) -> bool:
     """Write the robot's part of M, free and start, and its factor `lower`, shape (n, n).
 

@@ -10,7 +10,7 @@ from pepper_kin.core.simulation.contact_solver import (
     ADDRESSES,
     FASTEST,
     ContactProblem,
-    RobotMotion,
+    FreeStep,
     SolverState,
     assemble,
     call_with,
@@ -127,8 +127,8 @@ def no_world(n: int) -> WorldTables:
     )
 
 
-@compiled("int64(WorldTables, float64[::1], RobotMotion, float64)")
-def contact_step(world: WorldTables, q: Floats1, robot: RobotMotion, h: float) -> int:
+@compiled("int64(WorldTables, float64[::1], FreeStep, float64)")
+def contact_step(world: WorldTables, q: Floats1, robot: FreeStep, h: float) -> int:
     """Advance the free bodies by h, and write the load of contacts on the robot to `world.state`.
 
     Without contact the robot would go to v + h mass_hat^-1 force; with it, it goes to
@@ -185,7 +185,7 @@ def find_points(world: WorldTables, q: Floats1, v: Floats1, h: float, robot: boo
 
 
 @compiled
-def push_apart(world: WorldTables, robot: RobotMotion, h: float) -> int:
+def push_apart(world: WorldTables, robot: FreeStep, h: float) -> int:
     """Do what `contact_step` does once the points are found; without points the robot's motion is not read.
 
     Args:
@@ -292,7 +292,7 @@ def _apply_solution(
 
 
 @compiled
-def step_by_callback(world: WorldTables, q: Floats1, robot: RobotMotion, h: float) -> int:
+def step_by_callback(world: WorldTables, q: Floats1, robot: FreeStep, h: float) -> int:
     """Call back for a whole step of the robot at q, shape (n,) [rad or m]."""
     addresses = world.state.addresses
     addresses[0], addresses[1], addresses[2] = len(q), q.ctypes.data, robot.velocity.ctypes.data

@@ -120,7 +120,7 @@ class ContactPoints(NamedTuple):
 Vector: TypeAlias = tuple[float, float, float]
 
 
-class Solid(NamedTuple):
+class PlacedShape(NamedTuple):
     """A shape in the world: a row of `ShapeTable`, with shapes (3,), (3, 3) and (3,); and memory."""
 
     kind: int
@@ -257,13 +257,13 @@ def find_contacts(
 
 
 @compiled(lean=True, inline=True)
-def _solid(shapes: ShapeTable, row: int, work: Floats2) -> Solid:
+def _solid(shapes: ShapeTable, row: int, work: Floats2) -> PlacedShape:
     """Return a shape where it is, with memory of shape (WORK_ROWS, 3)."""
-    return Solid(shapes.kind[row], shapes.size[row], shapes.rotation[row], shapes.position[row], work)
+    return PlacedShape(shapes.kind[row], shapes.size[row], shapes.rotation[row], shapes.position[row], work)
 
 
 @compiled(lean=True)
-def _height_above(solid: Solid, middle: Floats1, radius: float) -> float:
+def _height_above(solid: PlacedShape, middle: Floats1, radius: float) -> float:
     """Return a lower bound of the distance of a ball, center shape (3,), from a half-space or a box [m]."""
     if solid.kind == HALF_SPACE:
         height = -solid.size[0] - radius
@@ -280,7 +280,7 @@ def _height_above(solid: Solid, middle: Floats1, radius: float) -> float:
 
 
 @compiled(lean=True)
-def _extent(solid: Solid, x: float, y: float, z: float) -> float:
+def _extent(solid: PlacedShape, x: float, y: float, z: float) -> float:
     """Return how far a shape reaches beyond its center along a unit vector (x, y, z), and against it [m]."""
     kind, size, rotation = solid.kind, solid.size, solid.rotation
     if kind == BALL:
@@ -305,7 +305,7 @@ def _write_corner(
 
 
 @compiled(lean=True)
-def _rim(solid: Solid, axis: Floats1, along: float, d: Floats1, points: Floats2) -> int:
+def _rim(solid: PlacedShape, axis: Floats1, along: float, d: Floats1, points: Floats2) -> int:
     """Write the end or the side of a cylinder that faces along d; return how many points.
 
     Args:
@@ -347,7 +347,7 @@ def _rim(solid: Solid, axis: Floats1, along: float, d: Floats1, points: Floats2)
 
 
 @compiled(lean=True)
-def _supporting_feature(solid: Solid, d: Floats1, points: Floats2) -> int:
+def _supporting_feature(solid: PlacedShape, d: Floats1, points: Floats2) -> int:
     """Write the point, the ends of the line or the corners of the face of a shape that is farthest along d.
 
     Args:
@@ -491,7 +491,7 @@ def _write_contact(row: Floats1, point: Vector, normal: Vector, gap: float) -> N
 
 
 @compiled(lean=True)
-def _on_plane(solid: Solid, plane: Solid, margin: float, rows: Floats2) -> int:
+def _on_plane(solid: PlacedShape, plane: PlacedShape, margin: float, rows: Floats2) -> int:
     """Write contacts of a shape with a half-space to rows of shape (>= 4, 7); the normal leaves the plane."""
     x, y, z = plane.rotation[0, 2], plane.rotation[1, 2], plane.rotation[2, 2]
     height = plane.size[0] + x * plane.position[0] + y * plane.position[1] + z * plane.position[2]
@@ -532,7 +532,7 @@ def _across(u: Floats1, w: Floats1, normal: Floats1) -> None:
 
 
 @compiled(lean=True)
-def _of_round(solid: Solid, other: Solid, margin: float, rows: Floats2) -> int:
+def _of_round(solid: PlacedShape, other: PlacedShape, margin: float, rows: Floats2) -> int:
     """Write the contact, shape (>= 1, 7), of two balls or capsules, where their segments are nearest."""
     size, other_size = solid.size, other.size
     work = solid.work
@@ -572,7 +572,7 @@ def _of_round(solid: Solid, other: Solid, margin: float, rows: Floats2) -> int:
 
 
 @compiled(lean=True)
-def _best_face(solid: Solid, box: Solid) -> tuple[float, int, int]:
+def _best_face(solid: PlacedShape, box: PlacedShape) -> tuple[float, int, int]:
     """Return how far a shape is above that face of a box which it is farthest above; its axis and sign."""
     best, face, sign = -math.inf, 0, 1
     for k in range(3):
@@ -586,7 +586,7 @@ def _best_face(solid: Solid, box: Solid) -> tuple[float, int, int]:
 
 
 @compiled(lean=True)
-def _ball_on_corner(ball: Solid, box: Solid, margin: float, rows: Floats2) -> int:
+def _ball_on_corner(ball: PlacedShape, box: PlacedShape, margin: float, rows: Floats2) -> int:
     """Write the contact, shape (>= 1, 7), of a ball, center outside, with the nearest point of a box."""
     center, box_size, box_rotation, box_center = ball.position, box.size, box.rotation, box.position
     nearest, normal = ball.work[0], ball.work[1]
@@ -621,7 +621,9 @@ class _Face(NamedTuple):
 
 
 @compiled(lean=True)
-def _on_face(solid: Solid, box: Solid, face: _Face, margin: float, sense: float, rows: Floats2) -> int:
+def _on_face(
+    solid: PlacedShape, box: PlacedShape, face: _Face, margin: float, sense: float, rows: Floats2
+) -> int:
     """Write contacts of a shape with a face of a box to rows of shape (>= 4, 7).
 
     `sense` is -1 where the box is the first of the two.
@@ -672,7 +674,7 @@ def _on_face(solid: Solid, box: Solid, face: _Face, margin: float, sense: float,
 
 
 @compiled(lean=True)
-def _on_box(solid: Solid, box: Solid, margin: float, rows: Floats2) -> int:
+def _on_box(solid: PlacedShape, box: PlacedShape, margin: float, rows: Floats2) -> int:
     """Write contacts of a shape with a box to rows of shape (>= 4, 7).
 
     The shape is at least as far from the box as above any face of either.  Where its lowest point above the

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pepper_kin.core.simulation.actuator_model import STRENGTH
-from pepper_kin.core.simulation.contact_solver import RobotMotion
+from pepper_kin.core.simulation.contact_solver import FreeStep
 from pepper_kin.core.simulation.contact_step import (
     CALLBACK,
     NO_WORLD,
@@ -121,14 +121,14 @@ def rollout(
     """
     size = state.shape[2] if world.kind != NO_WORLD else 0
     mass_hat, force = np.empty((size, size)), np.empty(size)
-    equation = RobotMotion(space.step_input[size : 2 * size], mass_hat, force)
+    equation = FreeStep(space.step_input[size : 2 * size], mass_hat, force)
     return _advance_blocks(span, robots, space, inputs, state, log, world, equation)
 
 
 @compiled(lean=True)
 def _advance_blocks(
     span: Span, robots: RobotTables, space: StepWorkspace, inputs: Inputs, state: Floats3, log: Log,
-    world: WorldTables, equation: RobotMotion,
+    world: WorldTables, equation: FreeStep,
 ) -> int:  # fmt: skip
     """Do what `rollout` does, with arrays for a step's linear equation; arguments and shapes are the same."""
     m, lanes, status = state.shape[2], robots.lanes, DONE
@@ -198,7 +198,7 @@ def linearized_step(robots: RobotTables, space: StepWorkspace, mass_hat: Floats2
 
 @compiled(lean=True)
 def couple(
-    b: int, lane: int, robots: RobotTables, space: StepWorkspace, world: WorldTables, equation: RobotMotion,
+    b: int, lane: int, robots: RobotTables, space: StepWorkspace, world: WorldTables, equation: FreeStep,
     q: Floats1, near: bool,
 ) -> tuple[int, bool, float]:  # fmt: skip
     """Take the step of a robot's world, and add its load to that of the robot's step.

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pepper_kin.core.simulation.contact_solver import RobotMotion
+from pepper_kin.core.simulation.contact_solver import FreeStep
 from pepper_kin.core.simulation.contact_step import SOLVED, WorldTables
 from pepper_kin.core.simulation.drive_state import hold_in_play, remember, remembers
 from pepper_kin.core.simulation.implicit_step import (
@@ -77,7 +77,7 @@ class Sent(NamedTuple):
     waiting: Floats3
 
 
-class Bodies(NamedTuple):
+class RobotWorlds(NamedTuple):
     """What N robots find around themselves, each in a separate world.
 
     Attributes:
@@ -97,24 +97,26 @@ class Bodies(NamedTuple):
     lever: Floats1
 
 
-NO_BODIES = Bodies(np.zeros((0, 0, BODY)), np.zeros((0, 6)), np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
+NO_BODIES = RobotWorlds(
+    np.zeros((0, 0, BODY)), np.zeros((0, 6)), np.zeros(0, np.int64), np.zeros(0), np.zeros(0)
+)
 """Of robots without a world."""
 
 
 class _Around(NamedTuple):
     """What is around robots: bodies, a world's tables, and memory for a robot's position and equation."""
 
-    bodies: Bodies
+    bodies: RobotWorlds
     world: WorldTables
-    equation: RobotMotion
+    equation: FreeStep
     position: Floats1
 
 
 @compiled(
-    "void(Steps, RobotTables, StepWorkspace, float64[:, :, ::1], Sent, Bodies, WorldTables, int64[::1])"
+    "void(Steps, RobotTables, StepWorkspace, float64[:, :, ::1], Sent, RobotWorlds, WorldTables, int64[::1])"
 )
 def shaped_steps(
-    span: Steps, robots: RobotTables, space: StepWorkspace, state: Floats3, sent: Sent, bodies: Bodies,
+    span: Steps, robots: RobotTables, space: StepWorkspace, state: Floats3, sent: Sent, bodies: RobotWorlds,
     world: WorldTables, good: Ints1,
 ) -> None:  # fmt: skip
     """Send robots to their targets for some steps.
@@ -136,7 +138,7 @@ def shaped_steps(
     m, lanes, h, steps = state.shape[2], robots.lanes, robots.timestep, span.steps
     step_input, curve = space.step_input, sent.curve
     n = m // lanes
-    around = _Around(bodies, world, RobotMotion(np.empty(n), np.empty((n, n)), np.empty(n)), np.empty(n))
+    around = _Around(bodies, world, FreeStep(np.empty(n), np.empty((n, n)), np.empty(n)), np.empty(n))
     for b in range(span.first, span.last):
         for e in range(m):
             step_input[Q * m + e], step_input[V * m + e] = state[POSITION, b, e], state[VELOCITY, b, e]
@@ -259,7 +261,7 @@ def _exchange(b: int, now: int, sent: Sent, step_input: Floats1) -> None:
 
 
 @compiled(lean=True)
-def _moved(robot: int, bodies: Bodies, world: WorldTables, v: Floats1, h: float) -> float:
+def _moved(robot: int, bodies: RobotWorlds, world: WorldTables, v: Floats1, h: float) -> float:
     """Return by how much robot and bodies come nearer at most in h, at velocities v of shape (n,) [m]."""
     fastest, turning = 0.0, 0.0
     for j in range(v.size):
@@ -277,7 +279,7 @@ def _moved(robot: int, bodies: Bodies, world: WorldTables, v: Floats1, h: float)
 
 
 @compiled(lean=True)
-def _enter(robot: int, bodies: Bodies, world: WorldTables) -> None:
+def _enter(robot: int, bodies: RobotWorlds, world: WorldTables) -> None:
     """Put a robot's bodies into the tables of the world, and clear the forces."""
     rows, table, shapes = bodies.rows, world.bodies, world.shapes
     for body in range(rows.shape[1]):
@@ -296,7 +298,7 @@ def _enter(robot: int, bodies: Bodies, world: WorldTables) -> None:
 
 
 @compiled(lean=True)
-def _leave(robot: int, bodies: Bodies, world: WorldTables) -> None:
+def _leave(robot: int, bodies: RobotWorlds, world: WorldTables) -> None:
     """Take a robot's bodies from the tables of the world."""
     rows, table = bodies.rows, world.bodies
     for body in range(rows.shape[1]):

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from pepper_kin.arrays import Array, read_only
 from pepper_kin.collision import Scene, SceneObject
 from pepper_kin.collision.bodies import check_names
-from pepper_kin.core.simulation.contact_solver import ADDRESSES, FASTEST, SOLVE_PROBLEM, RobotMotion
+from pepper_kin.core.simulation.contact_solver import ADDRESSES, FASTEST, SOLVE_PROBLEM, FreeStep
 from pepper_kin.core.simulation.contact_step import (
     CALLBACK_FAILED,
     FORCE_NOT_FINITE,
@@ -318,7 +318,7 @@ class World:
         if self.pepper is None or mass_hat.shape != (len(q), len(q)) or len(q) != self.pepper.n:
             robot = "no robot" if self.pepper is None else f"{self.pepper.n} joints"
             raise InvalidValueError("mass_hat", f"shape {mass_hat.shape} with q of {len(q)}", f"{robot}")
-        motion = RobotMotion(*(np.array(part, dtype=float, order="C") for part in (v, mass_hat, force)))
+        motion = FreeStep(*(np.array(part, dtype=float, order="C") for part in (v, mass_hat, force)))
         return self._advance(np.array(q, dtype=float), motion, h)
 
     def advance_alone(self, h: float, q: ArrayLike | None = None) -> None:
@@ -338,7 +338,7 @@ class World:
             posture = np.zeros(0)
         else:
             posture = self.pepper.neutral() if q is None else as_joint_vector(self.pepper, q, "q")
-        still = RobotMotion(np.zeros(len(posture)), np.zeros((0, 0)), np.zeros(0))
+        still = FreeStep(np.zeros(len(posture)), np.zeros((0, 0)), np.zeros(0))
         self._advance(np.array(posture), still, h)
 
     def coupling(self) -> World | None:
@@ -392,7 +392,7 @@ class World:
         error = self.raised()
         return ContactError(self._step, self._touching(), CAUSES[outcome]) if error is None else error
 
-    def _advance(self, q: Array, motion: RobotMotion, h: float) -> Array:
+    def _advance(self, q: Array, motion: FreeStep, h: float) -> Array:
         """Take one step around a robot at q [rad or m], shape (n,), and return the load on it, shape (n,)."""
         outcome = contact_step(self.begin(h), q, motion, h)
         error = self.end(int(outcome == SOLVED), outcome)
