@@ -355,7 +355,8 @@ def runtime_path() -> Path:
 @cache
 def builder_digest() -> str:
     """Hash of the files here that decide what portable code is made of a function."""
-    names = "numba_builder", "compiled_function", "signatures", "intrinsics", "lanes", "records", "calling"
+    names = ["numba_builder", "compiled_function", "signatures", "intrinsics", "lanes", "records"]
+    names += ["tables", "calling"]
     runtime = hashlib.sha256(runtime_path().read_bytes().replace(b"\r\n", b"\n")).hexdigest()
     return f"{_digest_of(names)} {runtime}" + " bounds checked" * BOUNDS_CHECKED
 
