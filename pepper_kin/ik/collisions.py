@@ -204,8 +204,8 @@ class _Blocks:
         if checker.supported:
             validity = checker.compiled(checker.pepper.neutral(), np.arange(checker.pepper.n))
             block, address = validity.new_memory(), cast("Any", verdict).address
-        near, kept = proximity_memory(checker.exact, MARGIN)
-        self._kept = validity, block, near, kept
+        near = proximity_memory(checker.exact, MARGIN)
+        self._kept = validity, block, near
         self.tests = CollisionTests(
-            address, block.ctypes.data, block.size, 0, cast("Any", near_rows).address, near.ctypes.data
+            address, block.ctypes.data, block.size, 0, cast("Any", near_rows).address, near.address
         )

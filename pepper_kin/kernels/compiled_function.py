@@ -64,6 +64,7 @@ class CompiledFunction:
         inline: Whether it is always inlined into its callers.
         vector: Whether sums may be taken in another order, and no operand is infinite or NaN.
         symbol: Its name in the object file.
+        unit: Whose object file that is.
     """
 
     def __init__(
@@ -86,6 +87,7 @@ class CompiledFunction:
             function.__module__,
         )
         self.__qualname__, self.__wrapped__ = function.__qualname__, function
+        self.unit = unit_of(function.__module__)
         self._signature: FunctionSignature | None = None
         self._direct: Any = None
         self._dispatcher: Any = None
@@ -116,7 +118,7 @@ class CompiledFunction:
             if INTERPRETED:
                 self._direct = _callback(self)
             else:
-                self._direct = unit_of(self.__module__).load().address(self.symbol + "_direct")
+                self._direct = self.unit.load().address(self.symbol + "_direct")
         if isinstance(self._direct, int):
             return self._direct
         return int(ctypes.cast(self._direct, ctypes.c_void_p).value or 0)
@@ -141,7 +143,7 @@ class CompiledFunction:
         """Get the machine code ready."""
         from pepper_kin.kernels.calling import builtin_function
 
-        code = unit_of(self.__module__).load()
+        code = self.unit.load()
         assert self.signature is not None
         self._call = builtin_function(self, code.address(self.symbol))
 
@@ -180,7 +182,10 @@ def compiled(
         text = function if isinstance(function, str) else None
         made = CompiledFunction(python, text, by_address=by_address, lean=lean, inline=inline, vector=vector)
         if text is not None:
-            unit_of(python.__module__).functions.append(made)
+            if made.unit.is_loaded or made.symbol in made.unit.symbols:
+                # What has been loaded stays as it is: it does not have a function that comes later.
+                made.unit = _units[python.__module__] = Unit(python.__module__)
+            made.unit.functions.append(made)
         return made
 
     if function is None or isinstance(function, str):
@@ -189,7 +194,10 @@ def compiled(
 
 
 class Unit:
-    """The functions of a module that have signatures; their machine code is one object file."""
+    """The functions of a module that have signatures; their machine code is one object file.
+
+    Functions that are defined after the first call, as in a notebook, are of another unit.
+    """
 
     def __init__(self, module: str) -> None:
         self.module = module
@@ -239,6 +247,11 @@ class Unit:
         return compile_portable(parts, target, self.symbols)
 
     @property
+    def is_loaded(self) -> bool:
+        """Whether the machine code is there."""
+        return self._code is not None
+
+    @property
     def symbols(self) -> list[str]:
         """Names of the entry points in the object file."""
         return [function.symbol for function in self.functions]
@@ -248,7 +261,7 @@ _units: dict[str, Unit] = {}
 
 
 def unit_of(module: str) -> Unit:
-    """Return the unit of a module."""
+    """Return the unit of a module, the last one where there are several."""
     if module not in _units:
         _units[module] = Unit(module)
     return _units[module]
@@ -342,7 +355,8 @@ def runtime_path() -> Path:
 @cache
 def builder_digest() -> str:
     """Hash of the files here that decide what portable code is made of a function."""
-    names = "numba_builder", "compiled_function", "signatures", "intrinsics", "lanes", "records", "calling"
+    names = ["numba_builder", "compiled_function", "signatures", "intrinsics", "lanes", "records"]
+    names += ["tables", "calling"]
     runtime = hashlib.sha256(runtime_path().read_bytes().replace(b"\r\n", b"\n")).hexdigest()
     return f"{_digest_of(names)} {runtime}" + " bounds checked" * BOUNDS_CHECKED
 

@@ -408,7 +408,7 @@ def _entry_module(function: CompiledFunction, context: Any, fndesc: Any, returne
     callee = ir.Function(module, kind, fndesc.llvm_func_name)
     entry = ir.Function(module, ir.FunctionType(word, [word.as_pointer()]), function.symbol)
     builder = ir.IRBuilder(entry.append_basic_block("entry"))
-    reader = _BlockReader(context, builder, entry.args[0])
+    reader = BlockReader(context, builder, entry.args[0])
     values = [
         reader.read(argument, kind)
         for argument, kind in zip(signature.arguments, fndesc.argtypes, strict=True)
@@ -453,7 +453,7 @@ def _add_direct(function: CompiledFunction, context: Any, module: Any, callee: A
         builder.ret(builder.zext(out, word) if result[0].name == "boolean" else out)
 
 
-class _BlockReader:
+class BlockReader:
     """Arguments from, and results into, a block of 64-bit words."""
 
     def __init__(self, context: Any, builder: Any, block: Any) -> None:

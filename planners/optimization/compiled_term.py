@@ -6,6 +6,7 @@ import ctypes
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import call_four, floats_at
@@ -33,7 +34,7 @@ class CompiledTerm:
 
     At the address is a C function
 
-        int64_t term(const double *states, double *result, int64_t what, double *memory)
+        int64_t term(const double *states, double *result, int64_t what, void *memory)
 
     `what` is 4 K + VALUES, ROWS, START or TIGHTEN for K samples.  `states` are their positions, velocities
     and accelerations, shape (3, K, n).  The result are the values, shape (K, R), and, for ROWS, their
@@ -43,7 +44,7 @@ class CompiledTerm:
 
     Attributes:
         address: Address of the function.
-        memory: Its memory.
+        memory: Its memory, an array of any type.
         rows_count: R.
         parts: 1 where values depend on positions only, else 3.
         per_interval: Samples in each interval of the spline.
@@ -52,7 +53,7 @@ class CompiledTerm:
     """
 
     def __init__(
-        self, address: int, memory: FloatArray, rows_count: int, parts: int, per_interval: int,
+        self, address: int, memory: NDArray[Any], rows_count: int, parts: int, per_interval: int,
         barrier_bound: BarrierBound, *, has_floors: bool = False, keep_alive: object = None,
     ) -> None:  # fmt: skip
         self.address, self.memory, self.rows_count, self.parts = address, memory, rows_count, parts
@@ -86,15 +87,15 @@ class CompiledTerm:
         states = np.stack([q, v, a]).astype(float)
         size = q.shape[0] * self.rows_count * (1 + self.parts * q.shape[1])
         result = np.zeros(max(size, 1))
-        ask(self.address, states, result, what, self.memory)
+        ask(self.address, states, result, what, self.memory.ctypes.data)
         return result[:size]
 
 
-@compiled("int64(int64, float64[:, :, ::1], float64[::1], int64, float64[::1])", lean=True)
-def ask(address: int, states: Floats3, result: Floats1, what: int, memory: Floats1) -> int:
+@compiled("int64(int64, float64[:, :, ::1], float64[::1], int64, int64)", lean=True)
+def ask(address: int, states: Floats3, result: Floats1, what: int, memory: int) -> int:
     """Call a term; see `CompiledTerm`."""
     asked = KINDS * states.shape[1] + what
-    return call_four(address, states.ctypes.data, result.ctypes.data, asked, memory.ctypes.data)
+    return call_four(address, states.ctypes.data, result.ctypes.data, asked, memory)
 
 
 class CalledBack:

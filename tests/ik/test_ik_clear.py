@@ -50,7 +50,7 @@ def rows_at(q, block, count=64):
     """Rows of `near_rows` at q: slopes, shortages, depths."""
     call = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_int64] * 4)(near_rows.address)
     rows, q = np.empty((count, PEPPER.n + 2)), np.array(q)
-    found = call(q.ctypes.data, rows.ctypes.data, count, block[0].ctypes.data)
+    found = call(q.ctypes.data, rows.ctypes.data, count, block.address)
     return rows[:found, :-2], rows[:found, -2], rows[:found, -1]
 
 

@@ -189,6 +189,22 @@ def unit_ingredients(function):
     return [(name, _described(value)) for name, value in _named_values(function)]
 
 
+def test_functions_that_come_after_the_first_call_run_as_well():
+    """As in a notebook, whose cells are run, changed, and run again; what was there goes on as it was."""
+    scope = {"compiled": compiled, "__name__": "cells"}
+
+    def define(name, factor):
+        exec(f'@compiled("float64(float64)")\ndef {name}(x):\n    return {factor} * x', scope)
+        return scope[name]
+
+    first = define("f", 2.0)
+    assert first(3.0) == 6.0
+    assert define("g", 5.0)(3.0) == 15.0
+    again, unused = define("f", 7.0), define("h", 3.0)
+    assert define("h", 4.0)(3.0) == 12.0
+    assert (again(3.0), first(3.0), unused(3.0)) == (21.0, 6.0, 9.0)
+
+
 def test_a_signature_that_is_none_is_refused():
     for text, message in [
         ("int64(complex128)", "complex128"),

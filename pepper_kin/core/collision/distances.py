@@ -12,12 +12,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pepper_kin.core.array_memory import floats_of, rows_of, words_of
 from pepper_kin.core.collision.gjk import nearest_in_hull
 from pepper_kin.core.collision.layout import BOX, CYLINDER, HULL
 from pepper_kin.core.collision.scene_rows import BOUNDING, HALF, KIND, PLACE, RADIUS, ROW
 from pepper_kin.core.collision.segments import clamp, nearest_on_segments, nearest_to_box
-from pepper_kin.core.kinematic_tree import JOINT, compose
+from pepper_kin.core.kinematic_tree import compose
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Ints1, Ints2
 
@@ -91,17 +90,6 @@ class NearPoints(NamedTuple):
     placed: Floats2
     near: Floats2
     work: Floats1
-
-
-@compiled
-def table_of(memory: Floats1, place: int) -> NearTable:
-    """Return the table whose arrays' addresses and sizes begin at a place of a memory, see `memory_of`."""
-    joints, pairs = rows_of(memory, place, JOINT), words_of(memory, place + 8)
-    return NearTable(
-        joints, rows_of(memory, place + 2, joints.shape[0] - 1), rows_of(memory, place + 4, SHAPE),
-        rows_of(memory, place + 6, 3), pairs.reshape((pairs.size // 3, 3)), floats_of(memory, place + 10),
-        floats_of(memory, place + 12),
-    )  # fmt: skip
 
 
 def near_points(table: NearTable, most: int, undecided: int) -> NearPoints:

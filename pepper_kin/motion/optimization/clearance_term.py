@@ -10,22 +10,15 @@ from pepper_kin.arrays import Array
 from pepper_kin.batch import kernel
 from pepper_kin.collision import Scene, checker_for
 from pepper_kin.collision.fast.near_table import among, movable, near_table
-from pepper_kin.core.array_memory import (
-    MEMORY_SIZE,
-    floats_of,
-    memory_of,
-    set_array,
-    take,
-    words_of,
-)
-from pepper_kin.core.collision.distances import CARRIER, SCRATCH, NearTable, table_of, write_slopes
+from pepper_kin.core.collision.distances import CARRIER, SCRATCH, NearTable, write_slopes
 from pepper_kin.core.collision.layout import BOX, CLOUD, HULL
 from pepper_kin.core.collision.nearest_pairs import NearestPairs, NearestWorkspace, find_nearest, place_axes
 from pepper_kin.core.collision.scene_rows import BOUNDING, HALF, KIND, PLACE, RADIUS
 from pepper_kin.core.kernel_batch import evaluate_batch
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import floats_at, words_at
-from pepper_kin.kernels.signatures import Floats1, Floats2, Floats4
+from pepper_kin.kernels.signatures import Floats1, Floats2, Floats4, Ints1
+from pepper_kin.kernels.tables import TableMemory, table_reader, take
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.motion.optimization.floors import FlooredTerm, any_below_zero
 from pepper_kin.motion.optimization.moving import Moving, whole_states
@@ -40,23 +33,53 @@ _RISE = 1e-4  # [m] of a floor
 _BLOCK = 80  # states that are measured at once
 _POSE = 16
 
-_N, _MARGIN, _POSES, _WORK, _FRAMES, _SIGN, _KNOWN = range(7)
-(
-    _FLOOR, _JOINTS, _REST, _TREE, _ABOVE, _SHAPES, _VERTICES, _PAIRS, _REACHES, _KEEP, _COLUMNS, _WORKSPACE,
-) = range(7, 31, 2)  # fmt: skip
+
+class _ClearanceTable(NamedTuple):
+    """What a term is made of.
+
+    Attributes:
+        near: The pairs that move against each other, and what they keep.
+        joints: Those that move, shape (k,).
+        rest: A whole configuration, whose other joints hold, shape (n,).
+        columns: Derivatives of the coordinates of the tree by the joints that move, shape (njoints - 1, k).
+        floor: Of `FlooredTerm`.
+        workspace: Of a call.
+        known: What the last call has left in the workspace, or 0, shape (1,).
+        frames: Number of frames whose poses are computed.
+        poses: Address of the `batch` of their kernel.
+        work: Its workspace.
+        margin: Distance to keep [m].
+        sign: -1 where values are one less the slacks, else 1.
+    """
+
+    near: NearTable
+    joints: Ints1
+    rest: Floats1
+    columns: Floats2
+    floor: Floats1
+    workspace: Floats1
+    known: Ints1
+    frames: int
+    poses: int
+    work: int
+    margin: float
+    sign: float
+
+
+_table_at = table_reader(_ClearanceTable)
 
 
 class _Prepared(NamedTuple):
     """What terms of one robot, scene and set of moving joints have in common.
 
     Attributes:
-        memory: Memory of such a term without what is its own.
+        table: Table of such a term without what is its own.
         rows_count: Number of rows of a sample.
         workspace_size: Numbers of its workspace for each sample, and for all.
-        keep_alive: What the memory points to.
+        keep_alive: What the table has addresses of.
     """
 
-    memory: Array
+    table: TableMemory
     rows_count: int
     workspace_size: tuple[int, int]
     keep_alive: object
@@ -78,14 +101,25 @@ def _prepared(
     if poses:
         scratch = poses.work_size
         address = poses.address_of("batch", inputs=pepper.n, outputs=_POSE * len(frames), work=scratch)
-    memory, kept = memory_of(
-        [pepper.n, margin, address, scratch, len(frames), 1.0, 0.0],
-        [np.zeros(0), moved, np.zeros(pepper.n), *table, columns, np.zeros(0)],
+    made = TableMemory(
+        _ClearanceTable,
+        near=table,
+        joints=moved,
+        rest=np.zeros(pepper.n),
+        columns=columns,
+        floor=np.zeros(0),
+        workspace=np.zeros(0),
+        known=np.zeros(1, np.int64),
+        frames=len(frames),
+        poses=address,
+        work=scratch,
+        margin=margin,
+        sign=1.0,
     )
     most, joints, count = min(MOST_PAIRS, len(table.pairs)), len(table.joints), len(table.shapes)
     # Poses twice, whole states, positions, cores, squares, rows; joints, words, a pair, work.
     each = (_POSE + 12) * len(frames) + pepper.n + moved.size + 12 * count + 11 * most + 4
-    return _Prepared(memory, most, (each, 16 * joints + 49 + SCRATCH + scratch), (poses, kept))
+    return _Prepared(made, most, (each, 16 * joints + 49 + SCRATCH + scratch), poses)
 
 
 def _table_of(pepper: PepperModel, scene: Scene, margin: float) -> NearTable:
@@ -132,21 +166,18 @@ class ClearanceTerm(FlooredTerm):
         closeness: bool = False,
     ) -> None:  # fmt: skip
         made = _prepared(moving.pepper, scene, margin, moving.joints.tobytes(), only_moving)
-        memory, rest = made.memory.copy(), np.ascontiguousarray(moving.rest)
-        memory[_SIGN] = -1.0 if closeness else 1.0
-        set_array(memory, _REST, rest)
-        self._workspace_size, self._workspace = made.workspace_size, np.zeros(0)
-        super().__init__(
-            clearance_rows.address, memory, _FLOOR, made.rows_count, per_interval, keep_alive=(made, rest)
+        table = made.table.with_values(
+            rest=moving.rest, known=np.zeros(1, np.int64), sign=-1.0 if closeness else 1.0
         )
+        self._workspace_size, self._workspace = made.workspace_size, np.zeros(0)
+        super().__init__(clearance_rows.address, table, made.rows_count, per_interval, keep_alive=made)
 
     def reserve(self, count: int) -> None:
         """Allocate memory for a number of samples."""
         size = count * self._workspace_size[0] + self._workspace_size[1]
         if size > self._workspace.size:
             self._workspace = np.empty(size)
-            self.memory[_KNOWN] = 0.0
-            set_array(self.memory, _WORKSPACE, self._workspace)
+            self.table.set(workspace=self._workspace, known=np.zeros(1, np.int64))
 
     def least_distance(self, q: Array) -> float:
         """Return the least distance beyond the margin at moving joints' positions, shape (K, k) [m].
@@ -157,23 +188,23 @@ class ClearanceTerm(FlooredTerm):
         if self.rows_count:
             self.reserve(min(len(q), _BLOCK))
             for begin in range(0, len(q), _BLOCK):
-                least = least_distance(self.memory, q[begin : begin + _BLOCK], least)
+                least = least_distance(self.table.address, q[begin : begin + _BLOCK], least)
         return least
 
 
 @compiled
 def _find_nearest(
-    memory: Floats1, q: Floats1, count: int, most: int, influence: float
+    t: _ClearanceTable, q: Floats1, count: int, most: int, influence: float
 ) -> tuple[Floats4, NearestPairs, NearestWorkspace]:
     """Return the poses and the nearest pairs at positions of the moving joints, and the workspace used.
 
     Asked again for the same positions, as a step asks after the search along the last one, it has them.
     """
-    n, frames, table = int(memory[_N]), int(memory[_FRAMES]), table_of(memory, _TREE)
-    scratch, used = floats_of(memory, _WORKSPACE), np.zeros(1, np.int64)
+    n, frames, table = t.rest.size, t.frames, t.near
+    scratch, used = t.workspace, np.zeros(1, np.int64)
     size, joints = table.shapes.shape[0], table.joints.shape[0]
     poses = take(scratch, used, count * frames * _POSE)
-    whole, work = take(scratch, used, count * n), take(scratch, used, int(memory[_WORK]) + 8)
+    whole, work = take(scratch, used, count * n), take(scratch, used, t.work + 8)
     words = words_at(take(scratch, used, 8).ctypes.data, 8)
     last = take(scratch, used, q.size)
     near_workspace = NearestWorkspace(
@@ -191,15 +222,15 @@ def _find_nearest(
         words_at(take(scratch, used, count).ctypes.data, count),
     )  # fmt: skip
     placed = poses.reshape((count, frames, 4, 4))
-    if memory[_KNOWN] == count * (MOST_PAIRS + 1) + most and _are_equal(last, q):
+    if t.known[0] == count * (MOST_PAIRS + 1) + most and _are_equal(last, q):
         return placed, near, near_workspace
     if frames > 0:
         states = whole.reshape((count, n))
-        whole_states(q, words_of(memory, _JOINTS), floats_of(memory, _REST), states)
+        whole_states(q, t.joints, t.rest, states)
         flat = poses.reshape((count, _POSE * frames))
-        evaluate_batch(int(memory[_POSES]), states, states, states, flat, work, words)
+        evaluate_batch(t.poses, states, states, states, flat, work, words)
     find_nearest(placed, table, influence, near, near_workspace)
-    memory[_KNOWN] = count * (MOST_PAIRS + 1) + most
+    t.known[0] = count * (MOST_PAIRS + 1) + most
     for i in range(q.size):
         last[i] = q[i]
     return placed, near, near_workspace
@@ -213,21 +244,22 @@ def _are_equal(first: Floats1, second: Floats1) -> bool:
     return same
 
 
-@compiled("float64(float64[::1], float64[:, ::1], float64)")
-def least_distance(memory: Floats1, q: Floats2, influence: float) -> float:
+@compiled("float64(int64, float64[:, ::1], float64)")
+def least_distance(table_address: int, q: Floats2, influence: float) -> float:
     """Return the least distance beyond the margin at positions, shape (K, k), if below some; else that."""
-    memory[_KNOWN] = 0.0
-    near, least = _find_nearest(memory, q.reshape(q.size), q.shape[0], 1, influence)[1], influence
+    t = _table_at(table_address)
+    t.known[0] = 0
+    near, least = _find_nearest(t, q.reshape(q.size), q.shape[0], 1, influence)[1], influence
     for k in range(q.shape[0]):
         least = min(least, near.distance[k, 0])
-    memory[_KNOWN] = 0.0
+    t.known[0] = 0
     return least
 
 
 @compiled
-def _move_floors(memory: Floats1, distance: Floats2, what: int) -> int:
+def _move_floors(t: _ClearanceTable, distance: Floats2, what: int) -> int:
     """Lower the floors under a motion, or raise those that it lets rise; return RAISED where that is much."""
-    floors, margin, found = floats_of(memory, _FLOOR), memory[_MARGIN], 0
+    floors, margin, found = t.floor, t.margin, 0
     for k in range(floors.size):
         apart = distance[k, 0] + margin
         # Half of what separates bodies may be used up, but no more: the floor must not let them touch.
@@ -243,11 +275,11 @@ def _move_floors(memory: Floats1, distance: Floats2, what: int) -> int:
 
 @compiled
 def _write_slopes(
-    memory: Floats1, poses: Floats4, near: NearestPairs, scratch: NearestWorkspace, slopes: Floats1
+    t: _ClearanceTable, poses: Floats4, near: NearestPairs, scratch: NearestWorkspace, slopes: Floats1
 ) -> None:
     """Write the derivatives of the slacks by the moving joints, shape (K, MOST_PAIRS, n), flat."""
-    floors, sign, columns = floats_of(memory, _FLOOR), memory[_SIGN], floats_of(memory, _COLUMNS)
-    table, moving, gradient = table_of(memory, _TREE), words_of(memory, _JOINTS).size, scratch.gradient
+    floors, sign, columns = t.floor, t.sign, t.columns
+    table, moving, gradient = t.near, t.joints.size, scratch.gradient
     most, origins, axes = near.distance.shape[1], scratch.poses, scratch.axes
     for k in range(near.found.size):
         floor = floors[k] if k < floors.size else 0.0
@@ -265,22 +297,22 @@ def _write_slopes(
             write_slopes(table, origins, axes, (ends[0], ends[1]), points, points[2], gradient)
             for c in range(gradient.size):
                 if gradient[c] != 0.0:
-                    add_row(own, scale * gradient[c], columns[c * moving : (c + 1) * moving])
+                    add_row(own, scale * gradient[c], columns[c])
 
 
 @compiled("int64(int64, int64, int64, int64)", by_address=True)
 def clearance_rows(states: int, result: int, asked: int, memory_address: int) -> int:
     """Evaluate such a term; see `CompiledTerm`."""
     what, count = asked % KINDS, asked // KINDS
-    memory = floats_at(memory_address, MEMORY_SIZE)
-    floors, moving = floats_of(memory, _FLOOR), words_of(memory, _JOINTS).size
+    t = _table_at(memory_address)
+    floors, moving = t.floor, t.joints.size
     if what == TIGHTEN and not any_below_zero(floors):
         return 0
-    most = min(MOST_PAIRS, floats_of(memory, _KEEP).size)
-    poses, near, scratch = _find_nearest(memory, floats_at(states, count * moving), count, most, INFLUENCE)
+    most = min(MOST_PAIRS, t.near.keep.size)
+    poses, near, scratch = _find_nearest(t, floats_at(states, count * moving), count, most, INFLUENCE)
     if what != VALUES and what != ROWS:
-        return _move_floors(memory, near.distance, what)
-    values, sign = floats_at(result, count * most), memory[_SIGN]
+        return _move_floors(t, near.distance, what)
+    values, sign = floats_at(result, count * most), t.sign
     for k in range(count):
         floor = floors[k] if k < floors.size else 0.0
         for r in range(most):
@@ -288,5 +320,5 @@ def clearance_rows(states: int, result: int, asked: int, memory_address: int) ->
             values[k * most + r] = slack if sign > 0.0 else 1.0 - slack
     if what == ROWS:
         size = count * most
-        _write_slopes(memory, poses, near, scratch, floats_at(result + 8 * size, size * moving))
+        _write_slopes(t, poses, near, scratch, floats_at(result + 8 * size, size * moving))
     return 0

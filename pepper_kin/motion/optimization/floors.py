@@ -5,42 +5,41 @@ from __future__ import annotations
 import numpy as np
 
 from pepper_kin.arrays import Array
-from pepper_kin.core.array_memory import set_array
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1
+from pepper_kin.kernels.tables import TableMemory
 from pepper_kin.planners.optimization import BarrierBound, CompiledTerm
 
 
 class FlooredTerm(CompiledTerm):
-    """A compiled term whose memory holds floors at a place of it; none there count as zero.
+    """A compiled term whose table holds floors, as `floor`; none there count as zero.
 
     Args:
         address: Address of the function.
-        memory: Its memory, shape (MEMORY_SIZE,), see `memory_of`.
-        place: Where address and size of the floors are in it.
+        table: Its table.
         rows_count: Number of rows of a sample.
         per_interval: Samples in each interval of the spline.
         per_sample: Number of floors of a sample.
-        keep_alive: What the memory points to.
+        keep_alive: What the table has addresses of.
 
     Attributes:
         floor: The floors, flat, shape (K * per_sample,) for K samples; empty for none.
     """
 
     def __init__(
-        self, address: int, memory: Array, place: int, rows_count: int, per_interval: int, *,
+        self, address: int, table: TableMemory, rows_count: int, per_interval: int, *,
         per_sample: int = 1, keep_alive: object = None,
     ) -> None:  # fmt: skip
         super().__init__(
-            address, memory, rows_count, 1, per_interval, BarrierBound.ABOVE_ZERO, has_floors=True,
+            address, table.words, rows_count, 1, per_interval, BarrierBound.ABOVE_ZERO, has_floors=True,
             keep_alive=keep_alive,
         )  # fmt: skip
-        self._place, self._per_sample, self.floor = place, per_sample, np.zeros(0)
+        self.table, self._per_sample, self.floor = table, per_sample, np.zeros(0)
 
     def start_from(self, q: Array) -> None:
         """Lower the floors under a motion, given at the samples, shape (K, k)."""
         self.floor = np.zeros(len(q) * self._per_sample)
-        set_array(self.memory, self._place, self.floor)
+        self.table.set(floor=self.floor)
         super().start_from(q)
 
 

@@ -2,27 +2,52 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from pepper_kin.arrays import Array
-from pepper_kin.core.array_memory import (
-    MEMORY_SIZE,
-    floats_of,
-    memory_of,
-    set_array,
-    take,
-    words_of,
-)
 from pepper_kin.core.kernel_batch import evaluate_batch
 from pepper_kin.kernels import Kernel
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import call_batch, floats_at, words_at
 from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Ints1
+from pepper_kin.kernels.tables import TableMemory, table_reader, take
 from pepper_kin.motion.optimization.moving import Moving, whole_states
 from pepper_kin.planners.optimization import KINDS, ROWS, BarrierBound, CompiledTerm
 
-_N, _OUTPUTS, _VALUES, _SLOPES, _VALUES_WORK, _SLOPES_WORK = range(6)
-_JOINTS, _REST, _STILL, _FIRST, _COLUMN, _WEIGHT, _WORKSPACE = range(6, 20, 2)
+
+class _KernelTable(NamedTuple):
+    """What a term is made of.
+
+    Attributes:
+        joints: Those that move, shape (k,).
+        rest: A whole configuration, whose other joints hold, and constants, shape (n,).
+        still: Zeros, shape (n,).
+        first: Where rows of L begin, shape (R + 1,).
+        column: Of each weight, shape (w,).
+        weight: Numbers of L that are not zero, shape (w,).
+        workspace: Of a call.
+        outputs: How many f has.
+        values: Address of the `batch` of f.
+        slopes: Address of the `batch` of its derivatives.
+        work: Workspace of both.
+    """
+
+    joints: Ints1
+    rest: Floats1
+    still: Floats1
+    first: Ints1
+    column: Ints1
+    weight: Floats1
+    workspace: Floats1
+    outputs: int
+    values: int
+    slopes: int
+    work: int
+
+
+_kernels_at = table_reader(_KernelTable)
 
 
 class KernelTerm(CompiledTerm):
@@ -52,26 +77,30 @@ class KernelTerm(CompiledTerm):
         rest = moving.rest if constants is None else np.concatenate([moving.rest, constants])
         n, outputs = rest.size, matrix.shape[1]
         work = max(values.work_size, slopes.work_size)
-        addresses = [
-            values.address_of("batch", inputs=3 * n, outputs=outputs, work=work),
-            slopes.address_of("batch", inputs=3 * n, outputs=3 * outputs * n, work=work),
-        ]
-        memory, kept = memory_of(
-            [float(n), outputs, *addresses,
-             values.work_size, slopes.work_size],
-            [moving.joints, rest, np.zeros(n), first, column, matrix[row, column],
-             np.zeros(0)],
-        )  # fmt: skip
+        self.table = TableMemory(
+            _KernelTable,
+            joints=moving.joints,
+            rest=rest,
+            still=np.zeros(n),
+            first=first,
+            column=column,
+            weight=matrix[row, column],
+            workspace=np.zeros(0),
+            outputs=outputs,
+            values=values.address_of("batch", inputs=3 * n, outputs=outputs, work=work),
+            slopes=slopes.address_of("batch", inputs=3 * n, outputs=3 * outputs * n, work=work),
+            work=work,
+        )
         self._workspace_size = 3 * n + outputs * (1 + 3 * n), 32 + work
         self._workspace = np.zeros(0)
         super().__init__(
             kernel_rows.address,
-            memory,
+            self.table.words,
             len(matrix),
             3,
             per_interval,
             barrier_bound,
-            keep_alive=(kernels, kept),
+            keep_alive=kernels,
         )
 
     def reserve(self, count: int) -> None:
@@ -79,7 +108,7 @@ class KernelTerm(CompiledTerm):
         size = count * self._workspace_size[0] + self._workspace_size[1]
         if size > self._workspace.size:
             self._workspace = np.zeros(size)
-            set_array(self.memory, _WORKSPACE, self._workspace)
+            self.table.set(workspace=self._workspace)
 
 
 @compiled(lean=True)
@@ -125,26 +154,24 @@ def _map_rows(
 def kernel_rows(states: int, result: int, asked: int, memory_address: int) -> int:
     """Evaluate such a term; see `CompiledTerm`."""
     what, count = asked % KINDS, asked // KINDS
-    memory = floats_at(memory_address, MEMORY_SIZE)
-    n, outputs = int(memory[_N]), int(memory[_OUTPUTS])
-    joints, rest, still = words_of(memory, _JOINTS), floats_of(memory, _REST), floats_of(memory, _STILL)
-    lines = words_of(memory, _FIRST), words_of(memory, _COLUMN), floats_of(memory, _WEIGHT)
-    rows, size = lines[0].size - 1, count * joints.size
-    workspace, used = floats_of(memory, _WORKSPACE), np.zeros(1, np.int64)
-    inputs, whole = floats_at(states, 3 * size), take(workspace, used, 3 * count * n).reshape((3, count, n))
+    t = _kernels_at(memory_address)
+    n, outputs, joints, lines = t.rest.size, t.outputs, t.joints, (t.first, t.column, t.weight)
+    rows, size = t.first.size - 1, count * joints.size
+    used = np.zeros(1, np.int64)
+    inputs, whole = floats_at(states, 3 * size), take(t.workspace, used, 3 * count * n).reshape((3, count, n))
     for part in range(3):
         whole_states(
-            inputs[part * size : (part + 1) * size], joints, rest if part == 0 else still, whole[part]
+            inputs[part * size : (part + 1) * size], joints, t.rest if part == 0 else t.still, whole[part]
         )
-    work = take(workspace, used, int(max(memory[_VALUES_WORK], memory[_SLOPES_WORK])) + 8)
-    words = words_at(take(workspace, used, 12).ctypes.data, 12)
+    work = take(t.workspace, used, t.work + 8)
+    words = words_at(take(t.workspace, used, 12).ctypes.data, 12)
     numbers = floats_at(result, count * rows * (1 + 3 * joints.size if what == ROWS else 1))
-    single, values = np.zeros(1, np.int64), take(workspace, used, count * outputs).reshape((count, outputs))
-    evaluate_batch(int(memory[_VALUES]), whole[0], whole[1], whole[2], values, work, words)
+    single, values = np.zeros(1, np.int64), take(t.workspace, used, count * outputs).reshape((count, outputs))
+    evaluate_batch(t.values, whole[0], whole[1], whole[2], values, work, words)
     _map_rows(values.reshape(values.size), lines, single, (count, outputs, 1), numbers[: count * rows])
     if what == ROWS:
-        slopes = take(workspace, used, 3 * count * outputs * n).reshape((3, count * outputs * n))
-        _evaluate_slopes(int(memory[_SLOPES]), whole, slopes, words, work)
+        slopes = take(t.workspace, used, 3 * count * outputs * n).reshape((3, count * outputs * n))
+        _evaluate_slopes(t.slopes, whole, slopes, words, work)
         for part in range(3):
             begin = count * rows * (1 + part * joints.size)
             own = numbers[begin : begin + count * rows * joints.size]

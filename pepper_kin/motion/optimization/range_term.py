@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from pepper_kin.arrays import Array
 from pepper_kin.collision.checker import RANGE_RADIUS
 from pepper_kin.collision.dependent_ranges import DependentRange, dependent_ranges
-from pepper_kin.core.array_memory import MEMORY_SIZE, floats_of, memory_of, words_of
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import floats_at
-from pepper_kin.kernels.signatures import Floats1
+from pepper_kin.kernels.signatures import Floats1, Ints1, Ints2
+from pepper_kin.kernels.tables import TableMemory, table_reader
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.motion.optimization.floors import FlooredTerm, any_below_zero
 from pepper_kin.motion.optimization.moving import Moving
@@ -43,7 +44,31 @@ class _Edge:
     y: Array
 
 
-_N, _FLOOR, _JOINTS, _REST, _EDGES, _SIGNS, _FIRST, _X, _Y = 0, *range(1, 17, 2)
+class _EdgeTable(NamedTuple):
+    """Edges of all ranges.
+
+    Attributes:
+        floor: Of `FlooredTerm`.
+        joints: Those that move, shape (k,).
+        rest: A whole configuration, whose other joints hold, shape (n,).
+        places: Both joints of each edge, and their places among those that move, or -1, shape (e, 4).
+        signs: Of the edges, shape (e,).
+        first: Where the numbers of each begin, shape (e + 1,).
+        x: Of one edge after the other.
+        y: Of one edge after the other.
+    """
+
+    floor: Floats1
+    joints: Ints1
+    rest: Floats1
+    places: Ints2
+    signs: Floats1
+    first: Ints1
+    x: Floats1
+    y: Floats1
+
+
+_edges_at = table_reader(_EdgeTable)
 
 
 class RangeTerm(FlooredTerm):
@@ -67,25 +92,18 @@ class RangeTerm(FlooredTerm):
             edge for edge in _edges_of(pepper, margin) if place[edge.first] >= 0 or place[edge.second] >= 0
         ]
         joints = [(e.first, e.second, place[e.first], place[e.second]) for e in edges]
-        memory, kept = memory_of(
-            [pepper.n],
-            [
-                np.zeros(0), moving.joints, moving.rest, np.array(joints, np.int64).ravel(),
-                np.array([edge.sign for edge in edges]),
-                np.cumsum([0, *(edge.x.size for edge in edges)], dtype=np.int64),
-                np.concatenate([np.zeros(0), *(edge.x for edge in edges)]),
-                np.concatenate([np.zeros(0), *(edge.y for edge in edges)]),
-            ],
-        )  # fmt: skip
-        super().__init__(
-            range_rows.address,
-            memory,
-            _FLOOR,
-            len(edges),
-            per_interval,
-            per_sample=len(edges),
-            keep_alive=kept,
+        table = TableMemory(
+            _EdgeTable,
+            floor=np.zeros(0),
+            joints=moving.joints,
+            rest=moving.rest,
+            places=np.array(joints, np.int64).reshape(-1, 4),
+            signs=np.array([edge.sign for edge in edges]),
+            first=np.cumsum([0, *(edge.x.size for edge in edges)], dtype=np.int64),
+            x=np.concatenate([np.zeros(0), *(edge.x for edge in edges)]),
+            y=np.concatenate([np.zeros(0), *(edge.y for edge in edges)]),
         )
+        super().__init__(range_rows.address, table, len(edges), per_interval, per_sample=len(edges))
 
 
 @compiled(lean=True)
@@ -110,10 +128,9 @@ def _edge_at(x: Floats1, y: Floats1, at: float) -> tuple[float, float]:
 def range_rows(states: int, result: int, asked: int, memory_address: int) -> int:
     """Evaluate such a term; see `CompiledTerm`."""
     what, count = asked % KINDS, asked // KINDS
-    memory = floats_at(memory_address, MEMORY_SIZE)
-    floors, joints, rest = floats_of(memory, _FLOOR), words_of(memory, _JOINTS), floats_of(memory, _REST)
-    edges, signs, first = words_of(memory, _EDGES), floats_of(memory, _SIGNS), words_of(memory, _FIRST)
-    x, y, n, rows = floats_of(memory, _X), floats_of(memory, _Y), joints.size, signs.size
+    t = _edges_at(memory_address)
+    floors, places, signs, first, x, y = t.floor, t.places, t.signs, t.first, t.x, t.y
+    n, rows = t.joints.size, signs.size
     if what == TIGHTEN and not any_below_zero(floors):
         return 0
     q = floats_at(states, count * n)
@@ -121,9 +138,9 @@ def range_rows(states: int, result: int, asked: int, memory_address: int) -> int
     numbers = floats_at(result, count * rows * (1 + n) if what == ROWS else count * rows if is_values else 0)
     for k in range(count):
         for e in range(rows):
-            along, across = edges[4 * e + 2], edges[4 * e + 3]
-            at = q[k * n + along] if along >= 0 else rest[edges[4 * e]]
-            other = q[k * n + across] if across >= 0 else rest[edges[4 * e + 1]]
+            along, across = places[e, 2], places[e, 3]
+            at = q[k * n + along] if along >= 0 else t.rest[places[e, 0]]
+            other = q[k * n + across] if across >= 0 else t.rest[places[e, 1]]
             limit, slope = _edge_at(x[first[e] : first[e + 1]], y[first[e] : first[e + 1]], at)
             slack, row = signs[e] * (other - limit), k * rows + e
             if not is_values:
