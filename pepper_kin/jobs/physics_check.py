@@ -30,7 +30,7 @@ _GENTLE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class MotionCase:
     """What is done in both engines.
 
     Attributes:
@@ -202,7 +202,7 @@ def check_physics(
     return PhysicsCheck(pepper.name, duration, f"MuJoCo {mujoco.__version__}", tuple(rows))
 
 
-def _motions(pepper: PepperModel, seed: int) -> list[Motion]:
+def _motions(pepper: PepperModel, seed: int) -> list[MotionCase]:
     n, stand = pepper.n, pepper.neutral()
     servos = actuator_parameters(pepper).changed(stop_stiffness=0.0, stop_damping=0.0)
     limp = servos.changed(mode=TORQUE)
@@ -221,15 +221,15 @@ def _motions(pepper: PepperModel, seed: int) -> list[Motion]:
         return state.position, state.velocity
 
     return [
-        Motion("free swing", thrown, limp, still(thrown)),
-        Motion("step responses", stand, servos, still(goal)),
-        Motion("gesture: wave", wave(0.0).position, servos, waving),
-        Motion("push on a hand", stand, compliant, still(stand), pushed=True),
+        MotionCase("free swing", thrown, limp, still(thrown)),
+        MotionCase("step responses", stand, servos, still(goal)),
+        MotionCase("gesture: wave", wave(0.0).position, servos, waving),
+        MotionCase("push on a hand", stand, compliant, still(stand), pushed=True),
     ]
 
 
 def _compare(
-    pepper: PepperModel, model: Any, motion: Motion, steps: tuple[float, ...], duration: float
+    pepper: PepperModel, model: Any, motion: MotionCase, steps: tuple[float, ...], duration: float
 ) -> PhysicsRow:
     ends, greatest, moved = [], [], 0.0
     for h in steps:
@@ -246,7 +246,7 @@ def _compare(
     return PhysicsRow(motion.name, moved, steps, tuple(float(d.max()) for d in ends), tuple(greatest), joint)
 
 
-def _ours(pepper: PepperModel, motion: Motion, h: float, q_ref: Array, v_ref: Array) -> Array:
+def _ours(pepper: PepperModel, motion: MotionCase, h: float, q_ref: Array, v_ref: Array) -> Array:
     """Return the twin's positions, shape (T, n) [rad], as it follows references of that shape."""
     twin = Twin(pepper, h, feedforward="none", actuators=motion.actuators)
     twin.reset(motion.start)
@@ -255,7 +255,9 @@ def _ours(pepper: PepperModel, motion: Motion, h: float, q_ref: Array, v_ref: Ar
     return twin.follow(q_ref, v_ref).position[1:]
 
 
-def _theirs(pepper: PepperModel, model: Any, motion: Motion, h: float, q_ref: Array, v_ref: Array) -> Array:
+def _theirs(
+    pepper: PepperModel, model: Any, motion: MotionCase, h: float, q_ref: Array, v_ref: Array
+) -> Array:
     """Return MuJoCo's positions, shape (T, n) [rad], as it follows references of that shape."""
     import mujoco
 
@@ -282,7 +284,7 @@ def _theirs(pepper: PepperModel, model: Any, motion: Motion, h: float, q_ref: Ar
     return logged
 
 
-def _drive(model: Any, motion: Motion) -> None:
+def _drive(model: Any, motion: MotionCase) -> None:
     """Give MuJoCo's servos, whose order is the robot's, our gains and limits, and no feed-forward."""
     wanted = motion.actuators
     n = len(wanted.joint_names)

@@ -26,7 +26,7 @@ _reported = False
 _logged = 0.0
 
 
-class Progress(NamedTuple):
+class WarmUpProgress(NamedTuple):
     """How far processes have come that make machine code.
 
     Attributes:

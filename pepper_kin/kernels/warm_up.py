@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 
 from pepper_kin.kernels.compiled_function import INTERPRETER, Unit, units
 from pepper_kin.kernels.parallel_build import WORKER
-from pepper_kin.kernels.progress import PATIENCE, Progress, announce, show
+from pepper_kin.kernels.progress import PATIENCE, WarmUpProgress, announce, show
 from pepper_kin.kernels.store import can_write, is_collecting, is_kept, is_known
 from pepper_kin.kernels.working_time import not_counted
 
@@ -41,7 +41,7 @@ class Build:
         self, modules: Sequence[str], *, only: bool = False, nice: bool = False, wheel: str | None = None
     ) -> None:
         options = ["--only"] * only + ["--nice"] * nice + (["--wheel", wheel] if wheel else [])
-        self.progress = Progress(0.0, None)
+        self.progress = WarmUpProgress(0.0, None)
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-m", "pepper_kin.kernels.parallel_build", *options, *modules],
             stdin=subprocess.PIPE,
@@ -73,7 +73,7 @@ class Build:
         """Whether it still makes code."""
         return self._process.poll() is None
 
-    def finish(self, report: Callable[[Progress], None]) -> None:
+    def finish(self, report: Callable[[WarmUpProgress], None]) -> None:
         """Wait until all is made.
 
         Args:
@@ -87,12 +87,12 @@ class Build:
             time.sleep(_POLL)
         if self._process.returncode:
             raise RuntimeError((self._errors or ["machine code could not be made"])[-1])
-        report(Progress(1.0, 0.0))
+        report(WarmUpProgress(1.0, 0.0))
 
     def _read_progress(self) -> None:
         assert self._process.stdout is not None
         for line in self._process.stdout:
-            self.progress = Progress(**json.loads(line))
+            self.progress = WarmUpProgress(**json.loads(line))
 
     def _read_errors(self) -> None:
         assert self._process.stderr is not None

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from pepper_kin.naoqi.base_tasks import VelocityTask
 from pepper_kin.naoqi.simulated_time import CYCLE
 from pepper_kin.naoqi.tasks import Task
-from pepper_kin.ros.joint_trajectory import ErrorCode, Tolerance
+from pepper_kin.ros.joint_trajectory import ErrorCode, JointTolerance
 from pepper_kin.trajectory import Trajectory
 from pepper_kin.trajectory.sampling import State
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from pepper_kin.naoqi.body import Body
 
 
-class FollowTask(Task):
+class TrajectoryTask(Task):
     """The joints of a trajectory along it, watched by tolerances.
 
     Args:
@@ -39,8 +39,8 @@ class FollowTask(Task):
     def __init__(
         self,
         trajectory: Trajectory,
-        path: Tolerance,
-        goal: Tolerance,
+        path: JointTolerance,
+        goal: JointTolerance,
         goal_time: float,
         *,
         delay: float = 0.0,
@@ -141,7 +141,7 @@ class BrakeTask(Task):
         return going
 
 
-class DriveTask(VelocityTask):
+class CmdVelTask(VelocityTask):
     """The base with a velocity that has to be commanded again and again; without that it brakes.
 
     Args:

@@ -214,7 +214,7 @@ def _invalid(reason: str) -> TrajectoryRefusedError:
     return TrajectoryRefusedError(ErrorCode.INVALID_GOAL, reason)
 
 
-class Tolerance(NamedTuple):
+class JointTolerance(NamedTuple):
     """How far joints may be from what is wanted; infinity for any distance.
 
     Attributes:
@@ -247,7 +247,7 @@ class Tolerance(NamedTuple):
         return ""
 
 
-def tolerance_of(messages: Sequence[Any], names: Sequence[str], default: float) -> Tolerance:
+def tolerance_of(messages: Sequence[Any], names: Sequence[str], default: float) -> JointTolerance:
     """Return the tolerances of a goal: 0 stands for the default, a negative value for none.
 
     Args:
@@ -269,7 +269,7 @@ def tolerance_of(messages: Sequence[Any], names: Sequence[str], default: float) 
                 raise _invalid(f"a tolerance of {message.name} is nan")
             if value != 0.0:
                 limits[k] = value if value > 0.0 else math.inf
-    return Tolerance(position, velocity)
+    return JointTolerance(position, velocity)
 
 
 def message_of(points: MotionPoints, joints: Sequence[str] | None = None) -> Any:

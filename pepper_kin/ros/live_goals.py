@@ -16,7 +16,7 @@ from pepper_kin.motion import LiveMotion, LiveState, LiveStatus
 from pepper_kin.naoqi.joint_names import ACTUATED
 from pepper_kin.naoqi.simulated_time import CYCLE
 from pepper_kin.naoqi.tasks import Task
-from pepper_kin.ros.joint_trajectory import ErrorCode, Tolerance, TrajectoryRefusedError
+from pepper_kin.ros.joint_trajectory import ErrorCode, JointTolerance, TrajectoryRefusedError
 from pepper_kin.trajectory import Trajectory
 from pepper_kin.trajectory.sampling import State
 
@@ -33,7 +33,7 @@ _THERE, _STILL = 1e-6, 1e-6  # [rad or m], [rad/s or m/s]
 
 
 class LiveGoal(Task):
-    """The joints of a trajectory to its end, by a live motion, watched by tolerances; see `FollowTask`.
+    """The joints of a trajectory to its end, by a live motion, watched by tolerances; see `TrajectoryTask`.
 
     Args:
         drive: What moves the joints.
@@ -53,8 +53,8 @@ class LiveGoal(Task):
         self,
         drive: LiveDrive,
         trajectory: Trajectory,
-        path: Tolerance,
-        goal: Tolerance,
+        path: JointTolerance,
+        goal: JointTolerance,
         goal_time: float,
         *,
         delay: float,
@@ -181,8 +181,8 @@ class LiveDrive:
     def goal(
         self,
         trajectory: Trajectory,
-        path: Tolerance,
-        goal: Tolerance,
+        path: JointTolerance,
+        goal: JointTolerance,
         goal_time: float,
         *,
         delay: float,

@@ -40,7 +40,7 @@ _STEP, _POINTS = 0.002, 4000
 _NEAR = 0.5  # share of a limit from which on its line is drawn
 
 
-class RecordedMotion(Protocol):
+class PlottableRun(Protocol):
     """What plots read of a run of the twin; arrays have shape (T,) or (T, n).
 
     Attributes:
@@ -77,7 +77,7 @@ class RecordedMotion(Protocol):
         """What the servos were to follow."""
 
 
-Plottable: TypeAlias = Trajectory | RecordedMotion
+Plottable: TypeAlias = Trajectory | PlottableRun
 """A trajectory or a run of the twin."""
 
 
