@@ -55,7 +55,6 @@ class BalanceTask(RobotTask):
 
     def measure(self, twins: TwinBatch, base: TippingBase) -> Tilt:
         """Return how the robots stand."""
-        del twins
         tipping = base.tipping
         return Tilt(tipping.angle, tipping.rate, tipping.edge, tipping.fallen, base.point.copy())
 

@@ -81,12 +81,10 @@ class DriveTask(RobotTask):
 
     def base(self, pepper: PepperModel, count: int) -> BaseController:
         """Return what ramps the twists of N bases."""
-        del pepper
         return BaseController(_BASE, count=count)
 
     def measure(self, twins: TwinBatch, base: BaseController) -> BaseMotion:
         """Return how the bases move."""
-        del twins
         return BaseMotion(base.pose, base.twist)
 
     def reset(self, state: TaskState, rows: np.ndarray, twins: TwinBatch, base: BaseController) -> None:

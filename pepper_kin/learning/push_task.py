@@ -58,7 +58,6 @@ class PushTask(ReachTask):
 
     def measure(self, twins: TwinBatch, base: Any) -> BatchBodies:
         """Return where the boxes are."""
-        del base
         return twins.body("box")
 
     def reset(self, state: TaskState, rows: np.ndarray, twins: TwinBatch, base: Any) -> None:

@@ -119,11 +119,9 @@ class RobotTask:
 
     def base(self, pepper: PepperModel, count: int) -> Any:
         """Return what moves the bases of N robots beside the twins, or None."""
-        del pepper, count
 
     def measure(self, twins: TwinBatch, base: Any) -> Any:
         """Return values of what moves besides the joints, for `TaskState.measured`."""
-        del twins, base
 
     def home(self, pepper: PepperModel) -> Array:
         """Return where the joints are when episodes begin [rad or m], shape (n,)."""
@@ -131,12 +129,10 @@ class RobotTask:
 
     def reset(self, state: TaskState, rows: np.ndarray, twins: TwinBatch, base: Any) -> None:
         """Put some robots, shape (k,), to the beginning of the episodes in the state."""
-        del base
         twins.reset(self.home(state.pepper), rows=rows)
 
     def simulate(self, state: TaskState, actions: Array, twins: TwinBatch, base: Any) -> np.ndarray:
         """Let the robots do actions, shape (N, k), for a step; return which are sound, shape (N,)."""
-        del base
         targets = state.position.copy()
         targets[:, state.joints] += REACH * actions
         return twins.step(targets, STEPS, speed=state.speed, threads=state.threads)
@@ -175,7 +171,6 @@ class RobotTask:
 
     def scene(self, state: TaskState, row: int) -> Scene:
         """Return what is to be seen around one robot."""
-        del state, row
         return Scene()
 
 
