@@ -208,9 +208,9 @@ class SingleEnv(gymnasium.Env):
             robot.data.ctrl[:] = row
             mujoco.mj_step(robot.model, robot.data)
         twins.q[0], twins.v[0] = robot.data.qpos, robot.data.qvel
-        places = env.task.places(env)
-        score = env.task.score(env, places, env.task.goals(env))
-        return env._observations(places)[0], -float((score.distance + score.cost)[0]), False, False, {}
+        state = env.state
+        score = env.task.score(state, env.task.achieved_goal(state), env.task.desired_goal(state))
+        return env._observations(state)[0], -float((score.distance + score.cost)[0]), False, False, {}
 
 
 def rate(env, steps, rng):
@@ -315,7 +315,8 @@ def rows(count=1000, steps=10):
         for row in range(count):
             twin = task.twin(env.pepper)
             if name == "Carry":
-                twin = Twin(env.pepper, payload={task.hands[0]: float(task.extra(env)[row, 2])})
+                mass = float(task.extra_observation(env.state)[row, 2])
+                twin = Twin(env.pepper, payload={task.hands[0]: mass})
             own = TwinBody(twin, env.pepper)
             own.reset(start[row])
             if boxes is not None:

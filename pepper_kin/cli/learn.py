@@ -117,4 +117,4 @@ def _show(policy: Any, path: Path, seed: int, silent: bool) -> None:
     if not silent:
         print(f"  rendering {path} ...", file=sys.stderr, flush=True)
     with progress("rendering") as report:
-        pk.viewer.render_motion(env.pepper, episode.motion, path, scene=episode.shown, on_frame=report)
+        pk.viewer.render_motion(env.pepper, episode.motion, path, scene=episode.scene, on_frame=report)

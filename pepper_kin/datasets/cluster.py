@@ -30,7 +30,7 @@ def compute(values: dict[str, Any], shard: int, place: str) -> dict[str, Any]:
     return write_shard(DatasetJob(**values), shard, Store(place))
 
 
-class _Run:
+class _ClusterRun:
     """Shards that wait, and futures of those that a cluster computes.
 
     Args:
@@ -127,7 +127,7 @@ def on_dask(
         client = distributed.Client(client, timeout="10s") if own else client
     except OSError as error:
         raise InfeasibleError("scheduler", str(error), "name the address that it prints") from error
-    run = _Run(client, job, deque(shards), store.place)
+    run = _ClusterRun(client, job, deque(shards), store.place)
     try:
         while run.waiting or run.running:
             run.fill()

@@ -45,7 +45,7 @@ _TOGETHER = 64  # robots that act at once
 Values = Mapping[str, Any]
 
 
-class Kind:
+class DatasetKind:
     """Rows of one kind of data set.
 
     Attributes:
@@ -77,7 +77,7 @@ class Kind:
         return found
 
 
-class IKRows(Kind):
+class IKRows(DatasetKind):
     """Solutions of the inverse kinematics."""
 
     episodes = False
@@ -115,7 +115,7 @@ class IKRows(Kind):
         yield found
 
 
-class ReachMapRows(Kind):
+class ReachMapRows(DatasetKind):
     """Maps of where a frame can go, each of other samples: their counts can be added."""
 
     def __init__(self, recipe: Recipe) -> None:
@@ -140,7 +140,7 @@ class ReachMapRows(Kind):
             )  # fmt: skip
 
 
-class PlanRows(Kind):
+class PlanRows(DatasetKind):
     """Paths free of collisions, as way-points."""
 
     def __init__(self, recipe: Recipe) -> None:
@@ -260,7 +260,7 @@ class RunRows(TrajectoryRows):
         return self._ended(row, SOLVED, "", **frames, **about)
 
 
-class DemonstrationRows(Kind):
+class DemonstrationRows(DatasetKind):
     """Episodes of learning tasks, acted by the oracle."""
 
     def __init__(self, recipe: Recipe) -> None:
@@ -328,13 +328,13 @@ class DemonstrationRows(Kind):
 
 def _observed(env: Any, joints: tuple[str, ...]) -> tuple[str, ...]:
     """Return names of the numbers that are observed, in the order of `core.episodes.observe`."""
-    axes = [f"{k}.{axis}" for k in range(env.task.places(env).shape[1]) for axis in "xyz"]
+    axes = [f"{k}.{axis}" for k in range(env.task.achieved_goal(env.state).shape[1]) for axis in "xyz"]
     names = [f"{joint}.{quantity}" for quantity in ("position", "velocity") for joint in joints]
     names += [f"{quantity}.{axis}" for quantity in ("place", "way_to_goal") for axis in axes]
     return (*names, *(f"extra.{k}" for k in range(env.observation_space.shape[1] - len(names))))
 
 
-class ReplayRows(Kind):
+class ReplayRows(DatasetKind):
     """Robots' logs with the twin beside them, one log after the other."""
 
     def __init__(self, recipe: Recipe) -> None:
@@ -364,7 +364,7 @@ class ReplayRows(Kind):
             yield self._ended(row, SOLVED, "", **frames, **about)
 
 
-ALL: dict[str, type[Kind]] = {
+ALL: dict[str, type[DatasetKind]] = {
     "ik": IKRows,
     "reach_maps": ReachMapRows,
     "plans": PlanRows,

@@ -36,7 +36,7 @@ def name_of(job: DatasetJob, shard: int) -> str:
     return f"{DATA}/shard-{shard:06d}-{key_of(job, shard)}.parquet"
 
 
-def kind_of(job: DatasetJob) -> kinds.Kind:
+def kind_of(job: DatasetJob) -> kinds.DatasetKind:
     """Return what computes the rows of a job; kept for the next call.
 
     Raises:
@@ -46,7 +46,7 @@ def kind_of(job: DatasetJob) -> kinds.Kind:
 
 
 @lru_cache(_KEPT)
-def _kind_of(text: str) -> kinds.Kind:
+def _kind_of(text: str) -> kinds.DatasetKind:
     job = DatasetJob(**json.loads(text))
     return kinds.ALL[job.kind](Recipe(job))
 

@@ -121,7 +121,7 @@ def excitation_motion(
     rest = _rest(pepper, posture)
     base = base_parameters(pepper, names, rest)
     time, curves = _curves(duration, harmonics)
-    problem = _Problem(
+    problem = _ExcitationProblem(
         pepper,
         [pepper.joint_index(name) for name in names],
         rest,
@@ -174,7 +174,7 @@ def _null_space(rows: Array) -> Array:
     return np.asarray(np.linalg.svd(rows)[2][len(rows) :].T)
 
 
-class _Problem(NamedTuple):
+class _ExcitationProblem(NamedTuple):
     """What a motion must keep, and what it is for.
 
     Attributes:
@@ -271,7 +271,7 @@ class _Problem(NamedTuple):
         return float(np.linalg.cond(rows.reshape(-1, rows.shape[2])))
 
 
-def _search(problem: _Problem, draws: int, random: np.random.Generator) -> tuple[Array, float]:
+def _search(problem: _ExcitationProblem, draws: int, random: np.random.Generator) -> tuple[Array, float]:
     """Return the best coefficients and the factor on them.
 
     Raises:

@@ -145,7 +145,7 @@ def fit_actuators(
             raise UnknownNameError("quantity of a response", quantity, RESPONSE_QUANTITIES)
     joints = _checked(pepper, logs)
     response = _start(joints, start)
-    problem = _Problem(
+    problem = _FitProblem(
         pepper, tuple(logs), dict.fromkeys(joints, chosen), {}, used_readings(pepper, logs, response)
     )
     problem = problem._replace(trips=_best_trips(problem, response))
@@ -166,7 +166,7 @@ def fit_actuators(
     return Fit(response, without, trips, persons, counted)
 
 
-class _Problem(NamedTuple):
+class _FitProblem(NamedTuple):
     """What is fitted to what.
 
     Attributes:
@@ -185,8 +185,8 @@ class _Problem(NamedTuple):
 
 
 def _solved(
-    problem: _Problem, response: JointResponse, rounds: int
-) -> tuple[JointResponse, _Problem, dict[str, JointResponse]]:
+    problem: _FitProblem, response: JointResponse, rounds: int
+) -> tuple[JointResponse, _FitProblem, dict[str, JointResponse]]:
     """Return the best response, the problem with its round trips, and the best one without each person."""
     response, problem = _in_turns(problem, response, rounds)
     persons = sorted({log.person for log in problem.logs})
@@ -197,7 +197,9 @@ def _solved(
     return response, problem, without
 
 
-def _in_turns(problem: _Problem, response: JointResponse, rounds: int) -> tuple[JointResponse, _Problem]:
+def _in_turns(
+    problem: _FitProblem, response: JointResponse, rounds: int
+) -> tuple[JointResponse, _FitProblem]:
     """Fit response and round trips in turns; return both."""
     for _ in range(rounds):
         response = _fitted(problem, response)
@@ -206,7 +208,7 @@ def _in_turns(problem: _Problem, response: JointResponse, rounds: int) -> tuple[
     return _fitted(problem, response), problem
 
 
-def _mirrored(problem: _Problem, response: JointResponse) -> tuple[JointResponse, _Problem]:
+def _mirrored(problem: _FitProblem, response: JointResponse) -> tuple[JointResponse, _FitProblem]:
     """Shift round trips so that left and right joints lag alike.
 
     Readings that are d later by round trip, and lags that are longer by d x `reading_order`, look the same.
@@ -233,7 +235,7 @@ def _mirrored(problem: _Problem, response: JointResponse) -> tuple[JointResponse
 
 
 def _determined(
-    problem: _Problem, readings: list[_Data], response: JointResponse, joint: str
+    problem: _FitProblem, readings: list[_Data], response: JointResponse, joint: str
 ) -> tuple[str, ...]:
     """Return the free quantities of a joint without a compliance that its logs do not determine."""
     free = problem.free[joint]
@@ -286,7 +288,7 @@ def used_readings(
     return used
 
 
-def _best_trips(problem: _Problem, response: JointResponse) -> dict[int, float]:
+def _best_trips(problem: _FitProblem, response: JointResponse) -> dict[int, float]:
     """Return the round trip of each log with a response."""
     found = {}
     for log in problem.logs:
@@ -296,7 +298,7 @@ def _best_trips(problem: _Problem, response: JointResponse) -> dict[int, float]:
     return found
 
 
-def _data(problem: _Problem, response: JointResponse) -> list[list[_Data]]:
+def _data(problem: _FitProblem, response: JointResponse) -> list[list[_Data]]:
     """Return the readings by joint and log."""
     data: list[list[_Data]] = [[] for _ in response.joint_names]
     for log in problem.logs:
@@ -308,7 +310,7 @@ def _data(problem: _Problem, response: JointResponse) -> list[list[_Data]]:
     return data
 
 
-def _fitted(problem: _Problem, response: JointResponse) -> JointResponse:
+def _fitted(problem: _FitProblem, response: JointResponse) -> JointResponse:
     """Return the response that fits logs best, with given round trips."""
     data = _data(problem, response)
     for joint, readings in zip(response.joint_names, data, strict=True):
@@ -415,7 +417,7 @@ def _normal_equations(
 
 
 def _with_intervals(
-    problem: _Problem, response: JointResponse, without: dict[str, JointResponse], seed: int
+    problem: _FitProblem, response: JointResponse, without: dict[str, JointResponse], seed: int
 ) -> JointResponse:
     """Return a response with its intervals, from draws of persons and from the fits without each of them."""
     persons = sorted(without)

@@ -2,6 +2,7 @@
 
     PepperVectorEnv, PepperEnv    many environments in one batch of twins, and one
     TASKS, RobotTask, ReachTask   what is asked, and how it is scored
+    TaskState                     what a task knows of the robots between two steps
     Randomization                 robots that differ, by ranges
     to_sb3, to_rsl_rl             the environments as stable-baselines3 and RSL-RL take them
     imitate, Round                a policy from a teacher, in NumPy
@@ -32,7 +33,7 @@ from pepper_kin.learning.randomization import Randomization
 from pepper_kin.learning.reach_task import ReachTask
 from pepper_kin.learning.rsl_rl import to_rsl_rl
 from pepper_kin.learning.sb3 import to_sb3, train_by_ppo
-from pepper_kin.learning.task import RobotTask
+from pepper_kin.learning.task import RobotTask, TaskState
 from pepper_kin.learning.tasks import TASKS
 from pepper_kin.learning.training import TRIED, Trial, best_policy, try_policy
 from pepper_kin.learning.vector_env import PepperVectorEnv
@@ -49,6 +50,7 @@ __all__ = [
     "ReachTask",
     "RobotTask",
     "Round",
+    "TaskState",
     "Trial",
     "best_policy",
     "imitate",

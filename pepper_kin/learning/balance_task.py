@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,13 +11,11 @@ from pepper_kin import collision, dynamics, ik, kinematics
 from pepper_kin.arrays import Array
 from pepper_kin.core.episodes import Score
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.learning.task import BANK, STEPS, RobotTask, places_of, towards
+from pepper_kin.learning.task import BANK, STEPS, RobotTask, TaskState, joint_indices
 from pepper_kin.learning.task import REACH as FAR
 from pepper_kin.model import PepperModel, kept_for_robot
+from pepper_kin.twin import TwinBatch
 from pepper_kin.twin.base import BalanceMonitor, BatchTipping
-
-if TYPE_CHECKING:
-    from pepper_kin.learning.vector_env import PepperVectorEnv
 
 PUSHED = "Neck"
 _HARDEST = 60.0  # [N]
@@ -39,89 +37,103 @@ class BalanceTask(RobotTask):
     threshold: float = 0.2
 
     def joints(self, pepper: PepperModel) -> np.ndarray:
-        """Return the places of the joints of hip and knee, shape (3,)."""
-        return places_of(pepper, ["HipRoll", "HipPitch", "KneePitch"])
+        """Return the indices of the joints of hip and knee, shape (3,)."""
+        return joint_indices(pepper, ["HipRoll", "HipPitch", "KneePitch"])
 
     def episodes(self, pepper: PepperModel, speed: float, period: float, seed: int) -> Array:
         """Return pushes [N], shape (m, 2), and which posture withstands each, shape (m, 1)."""
         return pushes_of(pepper, self, seed)[0]
 
-    def force(self, env: PepperVectorEnv) -> Array:
+    def force(self, state: TaskState) -> Array:
         """Return the present pushes [N], shape (N, 3), along the floor."""
-        push = _risen(env.time) * env.episode[:, :2]
-        return np.concatenate([push, np.zeros((env.num_envs, 1))], axis=1)
+        return np.pad(_risen(state.time) * state.episode[:, :2], ((0, 0), (0, 1)))
 
-    def advance(self, env: PepperVectorEnv, moves: Array) -> np.ndarray:
-        """Let the robots do actions while they are pushed; see `RobotTask.advance`."""
-        q = env.twins.position
-        wrench = np.concatenate([self.force(env), np.zeros((env.num_envs, 3))], axis=1)
-        load = dynamics.external_torque(env.pepper, q, {PUSHED: wrench})
-        q[:, env.joints] += FAR * moves
-        before, state = env.twins.velocity, _state(env)
-        sound = env.twins.step(q, STEPS, speed=env.speed, load=load, threads=env.threads)
-        q, v = env.twins.position, env.twins.velocity
-        acceleration = (v - before) / env.period
-        report = state.tipping.step(q, v, acceleration, env.period, self._outer(env, q))
-        state.point[:] = np.where(np.isfinite(report.point), report.point, 1.0)
+    def base(self, pepper: PepperModel, count: int) -> TippingBase:
+        """Return the wheels that N robots stand on."""
+        tipping = BatchTipping(_monitor(pepper), count, fallen_at=_FALLEN)
+        return TippingBase(tipping, np.tile(_at_rest(pepper), (count, 1)))
+
+    def measure(self, twins: TwinBatch, base: TippingBase) -> Tilt:
+        """Return how the robots stand."""
+        tipping = base.tipping
+        return Tilt(tipping.angle, tipping.rate, tipping.edge, tipping.fallen, base.point.copy())
+
+    def simulate(self, state: TaskState, actions: Array, twins: TwinBatch, base: TippingBase) -> np.ndarray:
+        """Let the robots do actions while they are pushed; see `RobotTask.simulate`."""
+        q, force = state.position.copy(), self.force(state)
+        wrench = np.pad(force, ((0, 0), (0, 3)))
+        load = dynamics.external_torque(state.pepper, q, {PUSHED: wrench})
+        q[:, state.joints] += FAR * actions
+        sound = twins.step(q, STEPS, speed=state.speed, load=load, threads=state.threads)
+        q, v = twins.position, twins.velocity
+        place = kinematics.frame_pose(state.pepper, q, PUSHED)[:, :3, 3]
+        outer = np.concatenate([force, np.cross(place, force)], axis=1)
+        acceleration = (v - state.velocity) / state.period
+        report = base.tipping.step(q, v, acceleration, state.period, outer)
+        base.point[:] = np.where(np.isfinite(report.point), report.point, 1.0)
         return sound
 
-    def begin(self, env: PepperVectorEnv, rows: np.ndarray) -> None:
-        """Put robots to where episodes begin, level; see `RobotTask.begin`."""
-        env.twins.reset(rows=rows)
-        state = _state(env)
-        state.tipping.reset(rows)
-        state.point[rows] = _at_rest(env.pepper)
+    def reset(self, state: TaskState, rows: np.ndarray, twins: TwinBatch, base: TippingBase) -> None:
+        """Put robots to where episodes begin, level; see `RobotTask.reset`."""
+        super().reset(state, rows, twins, base)
+        base.tipping.reset(rows)
+        base.point[rows] = _at_rest(state.pepper)
 
-    def places(self, env: PepperVectorEnv) -> Array:
+    def achieved_goal(self, state: TaskState) -> Array:
         """Return the zero-moment points of the last step's mean acceleration [m], shape (N, 1, 3)."""
-        return np.pad(_state(env).point, ((0, 0), (0, 1)))[:, np.newaxis]
+        return np.pad(state.measured.point, ((0, 0), (0, 1)))[:, np.newaxis]
 
-    def goals(self, env: PepperVectorEnv) -> Array:
+    def desired_goal(self, state: TaskState) -> Array:
         """Return the middle of the wheels [m], shape (N, 1, 3)."""
-        middle = np.append(_monitor(env.pepper).contacts.mean(axis=0), 0.0)
-        return np.tile(middle, (env.num_envs, 1, 1))
+        middle = np.append(_monitor(state.pepper).contacts.mean(axis=0), 0.0)
+        return np.tile(middle, (len(state.position), 1, 1))
 
-    def extra(self, env: PepperVectorEnv) -> Array:
+    def extra_observation(self, state: TaskState) -> Array:
         """Return the present push over 60 N, and about which axis the robots tilt and how fast, shape (N, 6).
 
         The tilt is in shares of 0.25 rad, its rate in rad/s.
         """
-        tipping, contacts = _state(env).tipping, _monitor(env.pepper).contacts
+        tilt, contacts = state.measured, _monitor(state.pepper).contacts
         side = np.roll(contacts, -1, axis=0) - contacts
-        axis = (side / np.linalg.norm(side, axis=1, keepdims=True))[tipping.edge]
-        tilt, rate = tipping.angle[:, np.newaxis] * axis, tipping.rate[:, np.newaxis] * axis
-        return np.concatenate([self.force(env)[:, :2] / _HARDEST, tilt / _FALLEN, rate], axis=1)
+        axis = (side / np.linalg.norm(side, axis=1, keepdims=True))[tilt.edge]
+        angle, rate = tilt.angle[:, np.newaxis] * axis, tilt.rate[:, np.newaxis] * axis
+        return np.concatenate([self.force(state)[:, :2] / _HARDEST, angle / _FALLEN, rate], axis=1)
 
-    def score(self, env: PepperVectorEnv, places: Array, goals: Array) -> Score:
+    def score(self, state: TaskState, achieved: Array, desired: Array) -> Score:
         """Return how far the points are from the middle, and which robots fall; see `RobotTask.score`."""
-        found, tipping = super().score(env, places, goals), _state(env).tipping
-        return found._replace(success=tipping.edge < 0, failed=tipping.fallen)
+        found, tilt = super().score(state, achieved, desired), state.measured
+        return found._replace(success=tilt.edge < 0, failed=tilt.fallen)
 
-    def wanted(self, env: PepperVectorEnv) -> Array:
-        """Lean as the push rises; see `RobotTask.wanted`."""
-        leaning, home = pushes_of(env.pepper, self, env.goal_seed)[1], env.pepper.neutral()
-        share = _risen(env.time + _AHEAD * env.period)
-        return towards(env, home + share * (leaning[env.episode[:, 2].astype(np.int64)] - home))
-
-    def _outer(self, env: PepperVectorEnv, q: Array) -> Array:
-        """Return force and moment of the pushes about the world's origin, shape (N, 6)."""
-        force, place = self.force(env), kinematics.frame_pose(env.pepper, q, PUSHED)[:, :3, 3]
-        return np.concatenate([force, np.cross(place, force)], axis=1)
+    def expert_targets(self, state: TaskState, before: Array, just_reset: np.ndarray) -> Array:
+        """Lean as the push rises; see `RobotTask.expert_targets`."""
+        leaning, home = pushes_of(state.pepper, self, state.goal_seed)[1], self.home(state.pepper)
+        share = _risen(state.time + _AHEAD * state.period)
+        return home + share * (leaning[state.episode[:, 2].astype(np.int64)] - home)
 
 
-class _State(NamedTuple):
-    """How N robots stand: their tilts, and zero-moment points [m], shape (N, 2), far away for none."""
+class TippingBase(NamedTuple):
+    """The wheels that N robots stand on: their tilts, and zero-moment points [m], far away for none."""
 
     tipping: BatchTipping
     point: Array
 
 
-def _state(env: PepperVectorEnv) -> _State:
-    def new() -> _State:
-        tipping = BatchTipping(_monitor(env.pepper), env.num_envs, fallen_at=_FALLEN)
-        return _State(tipping, np.tile(_at_rest(env.pepper), (env.num_envs, 1)))
+class Tilt(NamedTuple):
+    """How N robots stand.
 
-    return env.made("balance", new)
+    Attributes:
+        angle: Tilts [rad], shape (N,).
+        rate: [rad/s], shape (N,).
+        edge: Edges that the robots tilt about, -1 for none, shape (N,).
+        fallen: Which robots have fallen, shape (N,).
+        point: Zero-moment points [m], shape (N, 2).
+    """
+
+    angle: Array
+    rate: Array
+    edge: np.ndarray
+    fallen: np.ndarray
+    point: Array
 
 
 @kept_for_robot(most=8)

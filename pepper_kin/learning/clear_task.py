@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,11 +13,8 @@ from pepper_kin.collision import Scene
 from pepper_kin.core.episodes import Score
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.learning.reach_task import ReachTask, postures_of
-from pepper_kin.learning.task import planned_path, touching, towards, with_goals
+from pepper_kin.learning.task import TaskState, planned_path, touching, with_goals
 from pepper_kin.model import PepperModel, kept_for_robot
-
-if TYPE_CHECKING:
-    from pepper_kin.learning.vector_env import PepperVectorEnv
 
 SCENES = 8
 _GOALS = 96  # in each scene
@@ -34,7 +30,7 @@ class ClearTask(ReachTask):
 
     horizon: int = 100
 
-    def scene(self, kind: int, grown: float = 0.0) -> Scene:
+    def arrangement(self, kind: int, grown: float = 0.0) -> Scene:
         """Return an arrangement of things, by its number from 0 to `SCENES` - 1, so much larger [m]."""
         return _arranged(self.hands[0] == "left", kind, grown)
 
@@ -45,28 +41,26 @@ class ClearTask(ReachTask):
         """
         return paths_of(pepper, self, speed, period, seed)[0]
 
-    def extra(self, env: PepperVectorEnv) -> Array:
+    def extra_observation(self, state: TaskState) -> Array:
         """Return from the hand to the middles of the three things [m], shape (N, 9)."""
-        kinds, hand = env.episode[:, 3].astype(np.int64), self.places(env)
-        middles = np.array([_middles(self.scene(kind)) for kind in range(SCENES)])
-        return (middles[kinds] - hand).reshape(env.num_envs, -1)
+        kinds, hand = state.episode[:, 3].astype(np.int64), self.achieved_goal(state)
+        middles = np.array([_middles(self.arrangement(kind)) for kind in range(SCENES)])
+        return (middles[kinds] - hand).reshape(len(hand), -1)
 
-    def score(self, env: PepperVectorEnv, places: Array, goals: Array) -> Score:
+    def score(self, state: TaskState, achieved: Array, desired: Array) -> Score:
         """Return how states meet goals, and which robots touch anything; see `RobotTask.score`."""
-        found, q = super().score(env, places, goals), env.twins.position
-        return found._replace(failed=touching(env.pepper, q, env.episode[:, 3], self.scene))
+        touch = touching(state.pepper, state.position, state.episode[:, 3], self.arrangement)
+        return super().score(state, achieved, desired)._replace(failed=touch)
 
-    def wanted(self, env: PepperVectorEnv) -> Array:
-        """Follow the planned paths; see `RobotTask.wanted`."""
-        paths = paths_of(env.pepper, self, env.speed, env.period, env.goal_seed)[1]
-        time = env.elapsed * env.period + _LEAD
-        chosen = env.episode[:, 4].astype(np.int64)
-        step = np.minimum(np.rint(time / env.period).astype(np.int64), paths.shape[1] - 1)
-        return towards(env, paths[chosen, step])
+    def expert_targets(self, state: TaskState, before: Array, just_reset: np.ndarray) -> Array:
+        """Follow the planned paths; see `RobotTask.expert_targets`."""
+        paths = paths_of(state.pepper, self, state.speed, state.period, state.goal_seed)[1]
+        step = np.rint((state.time + _LEAD) / state.period).astype(np.int64)
+        return paths[state.episode[:, 4].astype(np.int64), np.minimum(step, paths.shape[1] - 1)]
 
-    def shown(self, env: PepperVectorEnv, row: int) -> Scene:
+    def scene(self, state: TaskState, row: int) -> Scene:
         """Return the goal and the things."""
-        return with_goals(self.scene(int(env.episode[row, 3])), self.goals(env)[row])
+        return with_goals(self.arrangement(int(state.episode[row, 3])), self.desired_goal(state)[row])
 
 
 @kept_for_robot(most=8)
@@ -79,7 +73,7 @@ def paths_of(
     rows: list[list[float]] = []
     paths: list[Array] = []
     for kind in range(SCENES):
-        scene, found = task.scene(kind, 2 * _SPARE), 0
+        scene, found = task.arrangement(kind, 2 * _SPARE), 0
         order = np.random.default_rng([seed, kind]).permutation(len(postures))[:_TRIED]
         free = ~collision.in_collision(pepper, postures[order], scene)
         near = np.linalg.norm(points[order] - _middles(scene).mean(axis=0), axis=1) < 0.35

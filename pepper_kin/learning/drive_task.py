@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -13,13 +13,19 @@ from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
 from pepper_kin.core.episodes import Score
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.learning.task import STEPS, RobotTask, by_kind, places_of, planned_path, touching
+from pepper_kin.learning.task import (
+    STEPS,
+    RobotTask,
+    TaskState,
+    by_kind,
+    joint_indices,
+    planned_path,
+    touching,
+)
 from pepper_kin.model import PepperModel, kept_for_robot, load_pepper
+from pepper_kin.twin import TwinBatch
 from pepper_kin.twin.base import BaseController, OmniBase
 from pepper_kin.twin.sensors.batch import BatchRanges
-
-if TYPE_CHECKING:
-    from pepper_kin.learning.vector_env import PepperVectorEnv
 
 ROOMS = 8
 BASE = ("BaseX", "BaseY", "BaseYaw")
@@ -30,6 +36,18 @@ _CRUISE = 0.85  # of the speed that commands use, of the planned motions
 _LEAD = 0.1  # [s] by which the oracle is ahead
 _FARTHEST = 3.0  # [m] that lasers see
 _BASE = OmniBase()
+
+
+class BaseMotion(NamedTuple):
+    """Where N bases are, and how they move.
+
+    Attributes:
+        pose: x, y [m] and yaw [rad] in the world, shape (N, 3).
+        twist: In their axes [m/s, rad/s], shape (N, 3).
+    """
+
+    pose: Array
+    twist: Array
 
 
 @dataclass(frozen=True)
@@ -50,8 +68,8 @@ class DriveTask(RobotTask):
         return load_pepper(base="planar")
 
     def joints(self, pepper: PepperModel) -> np.ndarray:
-        """Return the places of the joints of the base, shape (3,)."""
-        return places_of(pepper, list(BASE))
+        """Return the indices of the joints of the base, shape (3,)."""
+        return joint_indices(pepper, list(BASE))
 
     def room(self, kind: int, grown: float = 0.0) -> Scene:
         """Return a room, by its number from 0 to `ROOMS` - 1, with things so much larger [m]."""
@@ -61,57 +79,73 @@ class DriveTask(RobotTask):
         """Return goals [m], poses at the start [m, rad], rooms and paths, shape (m, 8)."""
         return drives_of(pepper, self, speed, period, seed)[0]
 
-    def begin(self, env: PepperVectorEnv, rows: np.ndarray) -> None:
-        """Put robots to rest where their episodes begin; see `RobotTask.begin`."""
-        q = np.tile(env.pepper.neutral(), (len(rows), 1))
-        q[:, env.joints] = env.episode[rows, 3:6]
-        env.twins.reset(q, rows=rows)
-        _bases(env).reset(env.episode[rows, 3:6], rows=rows)
+    def base(self, pepper: PepperModel, count: int) -> BaseController:
+        """Return what ramps the twists of N bases."""
+        return BaseController(_BASE, count=count)
 
-    def advance(self, env: PepperVectorEnv, moves: Array) -> np.ndarray:
-        """Let the bases go for twists, shape (N, 3), for a step; see `RobotTask.advance`."""
-        bases = _bases(env)
-        bases.command(moves * _limits(env.speed))
-        bases.step(env.period)
-        targets = np.tile(env.pepper.neutral(), (env.num_envs, 1))
-        targets[:, env.joints] = bases.pose
-        return env.twins.step(targets, STEPS, commands="linear", threads=env.threads)
+    def measure(self, twins: TwinBatch, base: BaseController) -> BaseMotion:
+        """Return how the bases move."""
+        return BaseMotion(base.pose, base.twist)
 
-    def places(self, env: PepperVectorEnv) -> Array:
+    def reset(self, state: TaskState, rows: np.ndarray, twins: TwinBatch, base: BaseController) -> None:
+        """Put robots to rest where their episodes begin; see `RobotTask.reset`."""
+        pose, q = state.episode[rows, 3:6], np.tile(self.home(state.pepper), (len(rows), 1))
+        q[:, state.joints] = pose
+        twins.reset(q, rows=rows)
+        base.reset(pose, rows=rows)
+
+    def simulate(
+        self, state: TaskState, actions: Array, twins: TwinBatch, base: BaseController
+    ) -> np.ndarray:
+        """Let the bases go for twists, shape (N, 3), for a step; see `RobotTask.simulate`."""
+        base.command(actions * _limits(state.speed))
+        base.step(state.period)
+        targets = np.tile(self.home(state.pepper), (len(actions), 1))
+        targets[:, state.joints] = base.pose
+        return twins.step(targets, STEPS, commands="linear", threads=state.threads)
+
+    def achieved_goal(self, state: TaskState) -> Array:
         """Return where the bases are [m], shape (N, 1, 3)."""
-        return (env.twins.position[:, env.joints] * (1.0, 1.0, 0.0))[:, np.newaxis]
+        return (state.position[:, state.joints] * (1.0, 1.0, 0.0))[:, np.newaxis]
 
-    def goals(self, env: PepperVectorEnv) -> Array:
+    def desired_goal(self, state: TaskState) -> Array:
         """Return where they should be [m], shape (N, 1, 3)."""
-        return env.episode[:, np.newaxis, :3].copy()
+        return state.episode[:, np.newaxis, :3].copy()
 
-    def extra(self, env: PepperVectorEnv) -> Array:
+    def extra_observation(self, state: TaskState) -> Array:
         """Return what the class says, shape (N, 51)."""
-        ranges, q = np.empty((env.num_envs, 45)), env.twins.position
-        for kind, rows in by_kind(env.episode[:, 6]):
-            ranges[rows] = _lasers(env.pepper, self, kind).read(q[rows])
+        q, yaw = state.position, state.position[:, state.joints[2]]
+        ranges = np.empty((len(q), 45))
+        for kind, rows in by_kind(state.episode[:, 6]):
+            ranges[rows] = _lasers(state.pepper, self, kind).read(q[rows])
         seen = np.clip(np.where(ranges == -np.inf, 0.0, ranges), 0.0, _FARTHEST) / _FARTHEST
-        way = self.goals(env)[:, 0] - self.places(env)[:, 0]
-        return np.concatenate([seen, _turned(way, q[:, env.joints[2]]), _bases(env).twist], axis=1)
+        way = self.desired_goal(state)[:, 0] - self.achieved_goal(state)[:, 0]
+        return np.concatenate([seen, _turned(way, yaw), state.measured.twist], axis=1)
 
-    def score(self, env: PepperVectorEnv, places: Array, goals: Array) -> Score:
+    def score(self, state: TaskState, achieved: Array, desired: Array) -> Score:
         """Return how far the bases have to go, and which robots touch anything; see `RobotTask.score`."""
-        found, q = super().score(env, places, goals), env.twins.position
-        return found._replace(failed=touching(env.pepper, q, env.episode[:, 6], self.room))
+        touch = touching(state.pepper, state.position, state.episode[:, 6], self.room)
+        return super().score(state, achieved, desired)._replace(failed=touch)
 
-    def wanted(self, env: PepperVectorEnv) -> Array:
-        """Follow the planned motions; see `RobotTask.wanted`."""
-        paths = drives_of(env.pepper, self, env.speed, env.period, env.goal_seed)[1]
-        step = np.minimum(env.elapsed + round(_LEAD / env.period), paths.shape[1] - 1)
-        pose = _bases(env).pose
-        away = paths[env.episode[:, 7].astype(np.int64), step] - pose
+    def expert_targets(self, state: TaskState, before: Array, just_reset: np.ndarray) -> Array:
+        """Follow the planned motions; see `RobotTask.expert_targets`."""
+        paths = drives_of(state.pepper, self, state.speed, state.period, state.goal_seed)[1]
+        step = np.minimum(state.elapsed + round(_LEAD / state.period), paths.shape[1] - 1)
+        targets = np.tile(self.home(state.pepper), (len(step), 1))
+        targets[:, state.joints] = paths[state.episode[:, 7].astype(np.int64), step]
+        return targets
+
+    def expert_action(self, state: TaskState, targets: Array) -> Array:
+        """Return the twists that lead there; see `RobotTask.expert_action`."""
+        pose = state.measured.pose
+        away = targets[:, state.joints] - pose
         twist = np.column_stack([_turned(away, pose[:, 2])[:, :2], away[:, 2]]) / _LEAD
-        return np.clip(twist / _limits(env.speed), -1.0, 1.0)
+        return np.clip(twist / _limits(state.speed), -1.0, 1.0)
 
-    def shown(self, env: PepperVectorEnv, row: int) -> Scene:
+    def scene(self, state: TaskState, row: int) -> Scene:
         """Return the room and the goal."""
-        x, y, _ = self.goals(env)[row, 0]
-        return self.room(int(env.episode[row, 6])).add_sphere("goal 1", 0.1, (x, y, 0.1))
+        x, y, _ = self.desired_goal(state)[row, 0]
+        return self.room(int(state.episode[row, 6])).add_sphere("goal 1", 0.1, (x, y, 0.1))
 
 
 @cache
@@ -167,10 +201,6 @@ def drives_of(
     if not rows:
         raise InvalidValueError("speed", speed, f"more: no goal of {task.name} is reached within an episode")
     return np.array(rows), np.array(paths)
-
-
-def _bases(env: PepperVectorEnv) -> BaseController:
-    return env.made("bases", lambda: BaseController(_BASE, count=env.num_envs))
 
 
 def _limits(speed: float) -> Array:

@@ -35,13 +35,13 @@ class Episode(BriefRepr):
         success: Whether it ended in success.
         distances: Greatest distance of a hand from its goal after each step [m], shape (T,).
         motion: What was measured of all joints: of a twin at all timesteps, else every 20 ms.
-        shown: The goals at the begin, to be drawn with the motion.
+        scene: What there was to be seen around the robot at the begin, such as the goals.
     """
 
     success: bool
     distances: Array
     motion: Trajectory
-    shown: Scene
+    scene: Scene
 
     def explanation(self, pepper: PepperModel, scene: Scene | None = None) -> str:
         """Return in words how it ended, and what the certificate of the motion finds wrong with it.
@@ -99,7 +99,7 @@ def run_policy(
     env.twins = body  # type: ignore[assignment]
     try:
         observations, _ = env.reset(seed=[seed])
-        shown = env.task.shown(env, 0)
+        scene = env.task.scene(env.state, 0)
         while not ended:
             observations, _, terminated, truncated, infos = env.step(policy(observations))
             distances.append(float(infos["distance"][0]))
@@ -107,7 +107,7 @@ def run_policy(
     finally:
         env.twins, env._ready = own, False
         body.hold()
-    return Episode(bool(infos["is_success"][0]), np.array(distances), body.motion(), shown)
+    return Episode(bool(infos["is_success"][0]), np.array(distances), body.motion(), scene)
 
 
 def _motion(pepper: PepperModel, period: float, position: Array, velocity: Array) -> Trajectory:

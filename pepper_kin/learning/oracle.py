@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from pepper_kin.arrays import Array
 from pepper_kin.learning.vector_env import PepperVectorEnv
 
@@ -16,8 +18,11 @@ class Oracle:
     """
 
     def __init__(self, env: PepperVectorEnv) -> None:
-        self._env = env
+        self._env, self._targets, self._begun = env, env.twins.position, np.full(env.num_envs, -1)
 
     def __call__(self) -> Array:
         """Return the actions for the present states, shape (N, k)."""
-        return self._env.task.wanted(self._env)
+        state, task = self._env.state, self._env.task
+        self._targets = task.expert_targets(state, self._targets, state.begun != self._begun)
+        self._begun = state.begun
+        return task.expert_action(state, self._targets)

@@ -26,7 +26,7 @@ _FINE = 2  # rays along either side of a pixel at an edge
 _EDGE = 24  # of 255, between neighbors
 
 
-class Pictures:
+class EpisodeCamera:
     """A camera before the robot, a little to its left, that goes with the base; for one thread at a time.
 
     Args:

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from pepper_kin import ik, kinematics
+from pepper_kin import ik
 from pepper_kin.arrays import Array
 from pepper_kin.collision import Scene
-from pepper_kin.learning.reach_task import ReachTask, frame_of
-from pepper_kin.learning.task import BANK, towards, with_goals
+from pepper_kin.learning.reach_task import ReachTask
+from pepper_kin.learning.task import BANK, TaskState, with_goals
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.poses import rpy_from_rotation
 from pepper_kin.twin import Twin, TwinBatch
+from pepper_kin.twin.batch_world import BatchBodies
 from pepper_kin.twin.world import World
-
-if TYPE_CHECKING:
-    from pepper_kin.learning.vector_env import PepperVectorEnv
 
 _TABLE, _TOP = (0.5, 0.7, 0.04), 0.6  # size and height [m]
 _BOX, _MASS = (0.12, 0.16, 0.16), 0.3  # [m], [kg]
@@ -58,11 +56,15 @@ class PushTask(ReachTask):
         """Return where episodes begin [rad or m], shape (n,): the hand above the near edge of the table."""
         return _home(pepper, self.hands[0], self._side())
 
-    def begin(self, env: PepperVectorEnv, rows: np.ndarray) -> None:
-        """Put robots and boxes to their places; see `RobotTask.begin`."""
-        env.twins.reset(self.home(env.pepper), rows=rows)
-        place = np.column_stack([env.episode[rows, 3:5], np.full(len(rows), _TOP + _BOX[2] / 2)])
-        env.twins.place("box", place, rows=rows)
+    def measure(self, twins: TwinBatch, base: Any) -> BatchBodies:
+        """Return where the boxes are."""
+        return twins.body("box")
+
+    def reset(self, state: TaskState, rows: np.ndarray, twins: TwinBatch, base: Any) -> None:
+        """Put robots and boxes to their places; see `RobotTask.reset`."""
+        super().reset(state, rows, twins, base)
+        place = np.column_stack([state.episode[rows, 3:5], np.full(len(rows), _TOP + _BOX[2] / 2)])
+        twins.place("box", place, rows=rows)
 
     def episodes(self, pepper: PepperModel, speed: float, period: float, seed: int) -> Array:
         """Return where the boxes should be [m], and where they begin [m], shape (m, 5)."""
@@ -72,24 +74,21 @@ class PushTask(ReachTask):
         end = start + way[:, np.newaxis] * np.column_stack([np.cos(angle), np.sin(angle)])
         return np.column_stack([end, np.full(BANK, _TOP + _BOX[2] / 2), start])
 
-    def places(self, env: PepperVectorEnv) -> Array:
+    def achieved_goal(self, state: TaskState) -> Array:
         """Return where the boxes are [m], shape (N, 1, 3)."""
-        return env.twins.body("box").position[:, np.newaxis]
+        position: Array = state.measured.position
+        return position[:, np.newaxis]
 
-    def extra(self, env: PepperVectorEnv) -> Array:
+    def extra_observation(self, state: TaskState) -> Array:
         """Return from the hands to the boxes [m] and the boxes' x axes, shape (N, 5)."""
-        box = env.twins.body("box")
-        return np.concatenate([box.position - self._hand(env), box.rotation[:, :2, 0]], axis=1)
+        box, hand = state.measured, self.hands_at(state.pepper, state.position)[:, 0]
+        return np.concatenate([box.position - hand, box.rotation[:, :2, 0]], axis=1)
 
-    def _hand(self, env: PepperVectorEnv) -> Array:
-        return kinematics.frame_pose(env.pepper, env.twins.position, frame_of(self.hands[0]))[:, :3, 3]
-
-    def wanted(self, env: PepperVectorEnv) -> Array:
-        """Go behind the box, and push it towards its goal through its middle; see `RobotTask.wanted`."""
-        news = env.news()
-        if news.size:
-            env.plans[news] = self.home(env.pepper)
-        box, goal, hand = env.twins.body("box").position, self.goals(env)[:, 0], self._hand(env)
+    def expert_targets(self, state: TaskState, before: Array, just_reset: np.ndarray) -> Array:
+        """Go behind the box, and push it towards its goal through its middle; see `RobotTask`."""
+        start = np.where(just_reset[:, np.newaxis], self.home(state.pepper), before)
+        box, goal = state.measured.position, self.desired_goal(state)[:, 0]
+        hand = self.hands_at(state.pepper, state.position)[:, 0]
         way = (goal - box)[:, :2]
         left = np.linalg.norm(way, axis=1, keepdims=True)
         angle = np.clip(np.arctan2(way[:, 1], np.maximum(way[:, 0], 1e-3)), -_STEEPEST, _STEEPEST)
@@ -105,17 +104,13 @@ class PushTask(ReachTask):
         height = np.full((len(box), 1), _TOP + 0.13)
         tasks = ik.HandPosition(self.hands[0], np.concatenate([target, height], axis=1))
         names = f"{self.hands[0]}_arm"
-        env.plans[:] = ik.solve_batch(
-            env.pepper, tasks, env.plans, joints=names, restarts=0, collisions=False
-        ).q
-        return towards(env, env.plans)
+        return ik.solve_batch(state.pepper, tasks, start, joints=names, restarts=0, collisions=False).q
 
-    def shown(self, env: PepperVectorEnv, row: int) -> Scene:
+    def scene(self, state: TaskState, row: int) -> Scene:
         """Return table, box and goal."""
-        box = env.twins.body("box")
-        world = self.world(env.pepper)
+        box, world = state.measured, self.world(state.pepper)
         world.place("box", box.position[row], rpy_from_rotation(box.rotation[row]))
-        return with_goals(world.snapshot(), self.goals(env)[row])
+        return with_goals(world.snapshot(), self.desired_goal(state)[row])
 
 
 @kept_for_robot(most=8)

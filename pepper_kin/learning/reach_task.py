@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -13,13 +13,11 @@ from pepper_kin.collision import Scene
 from pepper_kin.collision.loads import inverse_dynamics_with, loads_of
 from pepper_kin.core.episodes import Score
 from pepper_kin.exceptions import InvalidValueError
+from pepper_kin.ik.tasks.hands import HAND_FRAMES
 from pepper_kin.ik.tasks.task import Task
-from pepper_kin.learning.task import BANK, RobotTask, duration_of, places_of, towards, with_goals
+from pepper_kin.learning.task import BANK, RobotTask, TaskState, duration_of, joint_indices, with_goals
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.twin import Twin, TwinBatch
-
-if TYPE_CHECKING:
-    from pepper_kin.learning.vector_env import PepperVectorEnv
 
 CAMERA = "CameraTop_optical_frame"
 _DRAWN = 8 * BANK
@@ -45,30 +43,28 @@ class ReachTask(RobotTask):
     gaze_threshold: float = np.radians(5.0)
 
     def joints(self, pepper: PepperModel) -> np.ndarray:
-        """Return the places of the joints that actions move, shape (k,)."""
-        return places_of(pepper, [f"{hand}_arm" for hand in self.hands] + (["head"] if self.gaze else []))
+        """Return the indices of the joints that actions move, shape (k,)."""
+        return joint_indices(pepper, [f"{hand}_arm" for hand in self.hands] + ["head"] * self.gaze)
 
     def hands_at(self, pepper: PepperModel, q: Array) -> Array:
         """Return where the hands are [m], shape (N, hands, 3), at joint positions q, shape (N, n)."""
-        return np.stack(
-            [kinematics.frame_pose(pepper, q, frame_of(hand))[:, :3, 3] for hand in self.hands], 1
-        )
+        return np.stack([hand_pose(pepper, q, hand)[:, :3, 3] for hand in self.hands], 1)
 
-    def places(self, env: PepperVectorEnv) -> Array:
+    def achieved_goal(self, state: TaskState) -> Array:
         """Return where the hands are [m], shape (N, hands, 3)."""
-        return self.hands_at(env.pepper, env.twins.position)
+        return self.hands_at(state.pepper, state.position)
 
-    def goals(self, env: PepperVectorEnv) -> Array:
+    def desired_goal(self, state: TaskState) -> Array:
         """Return where they should be [m], shape (N, hands, 3)."""
-        return env.episode[:, : 3 * len(self.hands)].reshape(env.num_envs, -1, 3)
+        return state.episode[:, : 3 * len(self.hands)].reshape(len(state.episode), -1, 3)
 
-    def score(self, env: PepperVectorEnv, places: Array, goals: Array) -> Score:
+    def score(self, state: TaskState, achieved: Array, desired: Array) -> Score:
         """Return how states meet goals; see `RobotTask.score`."""
-        found = super().score(env, places, goals)
+        found = super().score(state, achieved, desired)
         if not self.gaze:
             return found
-        camera = kinematics.frame_pose(env.pepper, env.twins.position, CAMERA)
-        line = np.einsum("nji,nj->ni", camera[:, :3, :3], goals[:, 0] - camera[:, :3, 3])
+        camera = kinematics.frame_pose(state.pepper, state.position, CAMERA)
+        line = np.einsum("nji,nj->ni", camera[:, :3, :3], desired[:, 0] - camera[:, :3, 3])
         angle = np.arctan2(np.hypot(line[:, 0], line[:, 1]), line[:, 2])
         return found._replace(cost=_GAZE * angle, success=found.success & (angle <= self.gaze_threshold))
 
@@ -81,28 +77,28 @@ class ReachTask(RobotTask):
         q = postures_of(pepper, self, speed, period, seed)
         return self.hands_at(pepper, q).reshape(len(q), -1)
 
-    def tasks(self, env: PepperVectorEnv, rows: np.ndarray) -> list[Task]:
+    def tasks(self, state: TaskState, rows: np.ndarray) -> list[Task]:
         """Return the inverse kinematics of some robots' goals, shape (k,)."""
-        goals = self.goals(env)[rows]
+        goals = self.desired_goal(state)[rows]
         found: list[Task] = [ik.HandPosition(hand, goals[:, k]) for k, hand in enumerate(self.hands)]
         return found + ([ik.LookAt(goals[:, 0])] if self.gaze else [])
 
-    def wanted(self, env: PepperVectorEnv) -> Array:
-        """Solve each goal once, and go straight to the solution; see `RobotTask.wanted`."""
-        rows = env.news()
+    def expert_targets(self, state: TaskState, before: Array, just_reset: np.ndarray) -> Array:
+        """Solve each goal once, from where episodes begin; see `RobotTask.expert_targets`."""
+        found, rows = before.copy(), np.flatnonzero(just_reset)
         if rows.size:
-            env.plans[rows] = self.solved(env, rows, np.tile(env.pepper.neutral(), (len(rows), 1)))
-        return towards(env, env.plans)
+            found[rows] = self.solved(state, rows, np.tile(self.home(state.pepper), (len(rows), 1)))
+        return found
 
-    def solved(self, env: PepperVectorEnv, rows: np.ndarray, start: Array, restarts: int = 32) -> Array:
+    def solved(self, state: TaskState, rows: np.ndarray, start: Array, restarts: int = 32) -> Array:
         """Return joint positions that meet some robots' goals, shape (k, n), searched from others."""
-        names = [env.pepper.joint_names[j] for j in env.joints]
-        tasks = self.tasks(env, rows)
-        return ik.solve_batch(env.pepper, tasks, start, joints=names, restarts=restarts).q
+        names = [state.pepper.joint_names[j] for j in state.joints]
+        tasks = self.tasks(state, rows)
+        return ik.solve_batch(state.pepper, tasks, start, joints=names, restarts=restarts).q
 
-    def shown(self, env: PepperVectorEnv, row: int) -> Scene:
+    def scene(self, state: TaskState, row: int) -> Scene:
         """Return the goals as small balls."""
-        return with_goals(Scene(), self.goals(env)[row])
+        return with_goals(Scene(), self.desired_goal(state)[row])
 
 
 @dataclass(frozen=True)
@@ -110,12 +106,12 @@ class FollowTask(ReachTask):
     """A hand that stays with a point on a circle: met where it was within the threshold for a while.
 
     Attributes:
-        held: Steps at the end of which all are within the threshold.
+        duration: Steps at the end of which all are within the threshold.
     """
 
     horizon: int = 100
     threshold: float = 0.04
-    held: int = 25
+    duration: int = 25  # type: ignore[misc]  # a field here
 
     def episodes(self, pepper: PepperModel, speed: float, period: float, seed: int) -> Array:
         """Return circles, shape (m, 11): center, two radii as vectors [m], rate [rad/s] and phase [rad].
@@ -144,34 +140,26 @@ class FollowTask(ReachTask):
             before = solved.q
         return found[good]
 
-    def goals(self, env: PepperVectorEnv) -> Array:
+    def desired_goal(self, state: TaskState) -> Array:
         """Return where the points are now [m], shape (N, 1, 3)."""
-        return self._ahead(env, 0.0)
+        return self._ahead(state, 0.0)
 
-    def _ahead(self, env: PepperVectorEnv, time: float) -> Array:
+    def _ahead(self, state: TaskState, time: float) -> Array:
         """Return where the points will be in a time [s], shape (N, 1, 3)."""
-        return _on_circle(env.episode, env.time + time)[:, np.newaxis]
+        return _on_circle(state.episode, state.time + time)[:, np.newaxis]
 
-    def extra(self, env: PepperVectorEnv) -> Array:
+    def extra_observation(self, state: TaskState) -> Array:
         """Return the points' velocities [m/s], shape (N, 3)."""
-        return (self._ahead(env, 1e-3) - self._ahead(env, -1e-3))[:, 0] / 2e-3
+        return (self._ahead(state, 1e-3) - self._ahead(state, -1e-3))[:, 0] / 2e-3
 
-    def score(self, env: PepperVectorEnv, places: Array, goals: Array) -> Score:
-        """Return how states meet goals; see `RobotTask.score`."""
-        found = super().score(env, places, goals)
-        return found._replace(success=env.lasting(found.success, self.held))
-
-    def tasks(self, env: PepperVectorEnv, rows: np.ndarray) -> list[Task]:
+    def tasks(self, state: TaskState, rows: np.ndarray) -> list[Task]:
         """Return the inverse kinematics of where the points are when commands have got there."""
-        return [ik.HandPosition(self.hands[0], self._ahead(env, _LEAD)[rows, 0])]
+        return [ik.HandPosition(self.hands[0], self._ahead(state, _LEAD)[rows, 0])]
 
-    def wanted(self, env: PepperVectorEnv) -> Array:
-        """Solve where the point will be in each step, from the solution before; see `RobotTask.wanted`."""
-        news, rows = env.news(), np.arange(env.num_envs)
-        if news.size:
-            env.plans[news] = self.solved(env, news, np.tile(env.pepper.neutral(), (len(news), 1)))
-        env.plans[:] = self.solved(env, rows, env.plans, restarts=0)
-        return towards(env, env.plans)
+    def expert_targets(self, state: TaskState, before: Array, just_reset: np.ndarray) -> Array:
+        """Solve where the points will be, from the solutions before; see `RobotTask.expert_targets`."""
+        start = super().expert_targets(state, before, just_reset)
+        return self.solved(state, np.arange(len(start)), start, restarts=0)
 
 
 _LEAD = 0.12
@@ -203,7 +191,7 @@ class CarryTask(ReachTask):
 
     def axis(self, pepper: PepperModel) -> Array:
         """Return which axis of the hand's frame points up where episodes begin, shape (3,)."""
-        return kinematics.frame_pose(pepper, self.home(pepper), frame_of(self.hands[0]))[2, :3]
+        return hand_pose(pepper, self.home(pepper), self.hands[0])[2, :3]
 
     def twins(self, pepper: PepperModel, count: int, options: dict[str, Any]) -> TwinBatch:
         """Return robots with a mass in the hand, evenly spread; see `RobotTask.twins`."""
@@ -216,10 +204,6 @@ class CarryTask(ReachTask):
     def _masses(self, count: int) -> Array:
         golden = np.modf(0.5 + np.arange(count) * (np.sqrt(5.0) - 1.0) / 2.0)[0]
         return self.payload[0] + (self.payload[1] - self.payload[0]) * golden
-
-    def begin(self, env: PepperVectorEnv, rows: np.ndarray) -> None:
-        """Put robots to where they carry; see `RobotTask.begin`."""
-        env.twins.reset(self.home(env.pepper), rows=rows)
 
     def episodes(self, pepper: PepperModel, speed: float, period: float, seed: int) -> Array:
         """Return goals [m], shape (m, 3), that are reached with the hand level; see `ReachTask.episodes`."""
@@ -235,33 +219,27 @@ class CarryTask(ReachTask):
         return points[solved.success & held & (time <= _IN_TIME * self.horizon * period)]
 
     def _level(self, pepper: PepperModel, points: Array) -> list[Task]:
-        hand = self.hands[0]
-        up = ik.AxisAlignment(frame_of(hand), (0.0, 0.0, 1.0), self.axis(pepper), tolerance=np.radians(4.0))
+        hand, level = self.hands[0], {"tolerance": np.radians(4.0)}
+        up = ik.AxisAlignment(HAND_FRAMES[hand], (0.0, 0.0, 1.0), self.axis(pepper), **level)
         return [ik.HandPosition(hand, points), up]
 
-    def tasks(self, env: PepperVectorEnv, rows: np.ndarray) -> list[Task]:
+    def tasks(self, state: TaskState, rows: np.ndarray) -> list[Task]:
         """Return the inverse kinematics of some robots' goals, with the hand level."""
-        return self._level(env.pepper, self.goals(env)[rows, 0])
+        return self._level(state.pepper, self.desired_goal(state)[rows, 0])
 
-    def wanted(self, env: PepperVectorEnv) -> Array:
-        """Solve each goal once from where episodes begin, and go straight there; see `RobotTask.wanted`."""
-        rows = env.news()
-        if rows.size:
-            env.plans[rows] = self.solved(env, rows, np.tile(self.home(env.pepper), (len(rows), 1)))
-        return towards(env, env.plans)
-
-    def _up(self, env: PepperVectorEnv) -> Array:
+    def _up(self, state: TaskState) -> Array:
         """Return the world's direction that is up for what is carried, shape (N, 3)."""
-        hand = kinematics.frame_pose(env.pepper, env.twins.position, frame_of(self.hands[0]))
-        return hand[:, :3, :3] @ self.axis(env.pepper)
+        hand = hand_pose(state.pepper, state.position, self.hands[0])
+        return hand[:, :3, :3] @ self.axis(state.pepper)
 
-    def extra(self, env: PepperVectorEnv) -> Array:
+    def extra_observation(self, state: TaskState) -> Array:
         """Return what of up is not up, shape (N, 2), and the mass [kg], shape (N, 1)."""
-        return np.concatenate([self._up(env)[:, :2], self._masses(env.num_envs)[:, np.newaxis]], axis=1)
+        up = self._up(state)[:, :2]
+        return np.concatenate([up, self._masses(len(up))[:, np.newaxis]], axis=1)
 
-    def score(self, env: PepperVectorEnv, places: Array, goals: Array) -> Score:
+    def score(self, state: TaskState, achieved: Array, desired: Array) -> Score:
         """Return how states meet goals; see `RobotTask.score`."""
-        found, up = super().score(env, places, goals), self._up(env)
+        found, up = super().score(state, achieved, desired), self._up(state)
         tilt = np.arctan2(np.hypot(up[:, 0], up[:, 1]), up[:, 2])
         level = tilt <= self.tilt_threshold
         return Score(found.distance, _TILT * tilt, found.success & level, tilt > self.spilled)
@@ -301,9 +279,9 @@ def _efforts(pepper: PepperModel) -> Array:
     return np.where(pepper.effort_limits > 0, pepper.effort_limits, np.inf)
 
 
-def frame_of(hand: str) -> str:
-    """Return the frame of a hand."""
-    return ik.HandPosition(hand, np.zeros(3)).frame or ""
+def hand_pose(pepper: PepperModel, q: Array, hand: str) -> Array:
+    """Return the pose of a hand at joint positions [rad or m], shape (..., n): shape (..., 4, 4)."""
+    return kinematics.frame_pose(pepper, q, HAND_FRAMES[hand])
 
 
 def _on_circle(circles: Array, time: Array) -> Array:

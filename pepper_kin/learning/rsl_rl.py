@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -34,44 +36,55 @@ def to_rsl_rl(env: PepperVectorEnv, device: str = "cpu") -> Any:
     import torch
     from tensordict import TensorDict
 
-    def tensor(values: np.ndarray) -> Any:
-        return torch.as_tensor(values, device=device)
-
-    class PepperVecEnv(base):
+    class RslRlVecEnv(_RslRlBatch, base):
         """See `to_rsl_rl`."""
 
-        def __init__(self) -> None:
-            self.num_envs, self.num_actions = env.num_envs, int(np.prod(env.single_action_space.shape or ()))
-            self.max_episode_length, self.device = env.task.horizon, device
-            self.cfg = {"task": env.task.name, "speed": env.speed, "sparse": env.sparse}
-            self._observations, _ = env.reset()
+    return RslRlVecEnv(env, torch.as_tensor, TensorDict, device)
 
-        @property
-        def episode_length_buf(self) -> Any:
-            """Steps since each episode began, shape (N,)."""
-            return tensor(env.elapsed.copy())
 
-        @episode_length_buf.setter
-        def episode_length_buf(self, lengths: Any) -> None:
-            env.elapsed[:] = lengths.cpu().numpy()
+class _RslRlBatch:
+    """What RSL-RL's `VecEnv` leaves open, by environments in one batch.
 
-        def reset(self) -> Any:
-            """Begin new episodes."""
-            self._observations, _ = env.reset()
-            return self.get_observations()
+    Args:
+        env: The environments.
+        tensor: Makes tensors of arrays.
+        tensors: Makes a TensorDict.
+        device: Where they are.
+    """
 
-        def get_observations(self) -> Any:
-            """Return the present observations."""
-            return TensorDict({"policy": tensor(self._observations)}, batch_size=[self.num_envs])
+    def __init__(
+        self, env: PepperVectorEnv, tensor: Callable[..., Any], tensors: Callable[..., Any], device: str
+    ) -> None:
+        self._env, self._tensor, self._tensors = env, partial(tensor, device=device), tensors
+        self.num_envs, self.num_actions = env.num_envs, int(np.prod(env.single_action_space.shape or ()))
+        self.max_episode_length, self.device = env.task.horizon, device
+        self.cfg = {"task": env.task.name, "speed": env.speed, "sparse": env.sparse}
+        self._observations, _ = env.reset()
 
-        def step(self, actions: Any) -> tuple[Any, Any, Any, dict[str, Any]]:
-            """Return observations, rewards, which episodes ended, and extras."""
-            moves = actions.detach().cpu().numpy()
-            self._observations, rewards, terminated, truncated, found = env.step(moves)
-            extras: dict[str, Any] = {"time_outs": tensor(truncated)}
-            ended = terminated | truncated
-            if ended.any():
-                extras["log"] = {"/success": float(found["final_info"]["is_success"][ended].mean())}
-            return self.get_observations(), tensor(rewards.astype(np.float32)), tensor(ended), extras
+    @property
+    def episode_length_buf(self) -> Any:
+        """Steps since each episode began, shape (N,)."""
+        return self._tensor(self._env.elapsed.copy())
 
-    return PepperVecEnv()
+    @episode_length_buf.setter
+    def episode_length_buf(self, lengths: Any) -> None:
+        self._env.elapsed[:] = lengths.cpu().numpy()
+
+    def reset(self) -> Any:
+        """Begin new episodes."""
+        self._observations, _ = self._env.reset()
+        return self.get_observations()
+
+    def get_observations(self) -> Any:
+        """Return the present observations."""
+        return self._tensors({"policy": self._tensor(self._observations)}, batch_size=[self.num_envs])
+
+    def step(self, actions: Any) -> tuple[Any, Any, Any, dict[str, Any]]:
+        """Return observations, rewards, which episodes ended, and extras."""
+        moves = actions.detach().cpu().numpy()
+        self._observations, rewards, terminated, truncated, found = self._env.step(moves)
+        extras: dict[str, Any] = {"time_outs": self._tensor(truncated)}
+        ended = terminated | truncated
+        if ended.any():
+            extras["log"] = {"/success": float(found["final_info"]["is_success"][ended].mean())}
+        return self.get_observations(), self._tensor(rewards.astype(np.float32)), self._tensor(ended), extras

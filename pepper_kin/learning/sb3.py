@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -78,69 +78,79 @@ def to_sb3(env: PepperVectorEnv) -> Any:
         raise InvalidValueError("autoreset_mode", env.autoreset_mode.value, "AutoresetMode.SAME_STEP")
     command = "pip install stable-baselines3"
     base: Any = optional("stable_baselines3.common.vec_env", command=command, need="to_sb3").VecEnv
-    nothing: dict[str, Any] = {}
 
-    class PepperVecEnv(base):
+    class Sb3VecEnv(_Sb3Batch, base):
         """See `to_sb3`."""
 
-        def __init__(self) -> None:
-            super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
-            self._actions, self._returns = np.zeros(0), np.zeros(env.num_envs)
-            self._lengths = np.zeros(env.num_envs, np.int64)
+    return Sb3VecEnv(env)
 
-        def reset(self) -> Any:
-            """Begin new episodes, with the seeds that `seed` has set."""
-            seeds = None if all(seed is None for seed in self._seeds) else self._seeds
-            observations, _ = env.reset(seed=seeds)
-            self._reset_seeds()
-            self._returns[:], self._lengths[:] = 0.0, 0
-            return observations
 
-        def step_async(self, actions: np.ndarray) -> None:
-            """Keep the actions for `step_wait`."""
-            self._actions = actions
+class _Sb3Batch:
+    """What stable-baselines3's `VecEnv` leaves open, by environments in one batch.
 
-        def step_wait(self) -> tuple[Any, np.ndarray, np.ndarray, list[dict[str, Any]]]:
-            """Return observations, rewards, which episodes ended, and infos."""
-            observations, rewards, terminated, truncated, found = env.step(self._actions)
-            self._returns += rewards
-            self._lengths += 1
-            ended = terminated | truncated
-            infos = [nothing] * env.num_envs
-            for row in np.flatnonzero(ended):
-                last = found["final_obs"]
-                infos[row] = {
-                    "terminal_observation": {k: v[row] for k, v in last.items()}
-                    if isinstance(last, dict)
-                    else last[row],
-                    "TimeLimit.truncated": bool(truncated[row]),
-                    "is_success": bool(found["final_info"]["is_success"][row]),
-                    "episode": {"r": float(self._returns[row]), "l": int(self._lengths[row]), "t": 0.0},
-                }
-            self._returns[ended], self._lengths[ended] = 0.0, 0
-            return observations, rewards.astype(np.float32), ended, infos
+    Args:
+        env: The environments.
+    """
 
-        def close(self) -> None:
-            """Close the environments."""
-            env.close()
+    _seeds: list[int | None]
+    _reset_seeds: Callable[[], None]
+    _get_indices: Callable[[Any], Sequence[int]]
 
-        def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-            """Return an attribute of the batch for each environment asked for."""
-            return [getattr(env, attr_name)] * len(list(self._get_indices(indices)))
+    def __init__(self, env: PepperVectorEnv) -> None:
+        self._env = env  # which `VecEnv` asks for its `render_mode`
+        super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)  # type: ignore[call-arg]
+        self._actions, self._returns = np.zeros(0), np.zeros(env.num_envs)
+        self._lengths = np.zeros(env.num_envs, np.int64)
 
-        def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-            """Set an attribute of the whole batch."""
-            setattr(env, attr_name, value)
+    def reset(self) -> Any:
+        """Begin new episodes, with the seeds that `seed` has set."""
+        seeds = None if all(seed is None for seed in self._seeds) else self._seeds
+        observations, _ = self._env.reset(seed=seeds)
+        self._reset_seeds()
+        self._returns[:], self._lengths[:] = 0.0, 0
+        return observations
 
-        def env_method(
-            self, method_name: str, *arguments: Any, indices: Any = None, **options: Any
-        ) -> list[Any]:
-            """Call a method of the batch once, and return its result for each environment asked for."""
-            result = getattr(env, method_name)(*arguments, **options)
-            return [result] * len(list(self._get_indices(indices)))
+    def step_async(self, actions: np.ndarray) -> None:
+        """Keep the actions for `step_wait`."""
+        self._actions = actions
 
-        def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
-            """Return that no environment is wrapped."""
-            return [False] * len(list(self._get_indices(indices)))
+    def step_wait(self) -> tuple[Any, np.ndarray, np.ndarray, list[dict[str, Any]]]:
+        """Return observations, rewards, which episodes ended, and infos."""
+        observations, rewards, terminated, truncated, found = self._env.step(self._actions)
+        self._returns += rewards
+        self._lengths += 1
+        ended = terminated | truncated
+        infos: list[dict[str, Any]] = [{}] * self._env.num_envs
+        for row in np.flatnonzero(ended):
+            last = found["final_obs"]
+            infos[row] = {
+                "terminal_observation": {k: v[row] for k, v in last.items()}
+                if isinstance(last, dict)
+                else last[row],
+                "TimeLimit.truncated": bool(truncated[row]),
+                "is_success": bool(found["final_info"]["is_success"][row]),
+                "episode": {"r": float(self._returns[row]), "l": int(self._lengths[row]), "t": 0.0},
+            }
+        self._returns[ended], self._lengths[ended] = 0.0, 0
+        return observations, rewards.astype(np.float32), ended, infos
 
-    return PepperVecEnv()
+    def close(self) -> None:
+        """Close the environments."""
+        self._env.close()
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        """Return an attribute of the batch for each environment asked for."""
+        return [getattr(self._env, attr_name)] * len(list(self._get_indices(indices)))
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        """Set an attribute of the whole batch."""
+        setattr(self._env, attr_name, value)
+
+    def env_method(self, method_name: str, *arguments: Any, indices: Any = None, **options: Any) -> list[Any]:
+        """Call a method of the batch once, and return its result for each environment asked for."""
+        result = getattr(self._env, method_name)(*arguments, **options)
+        return [result] * len(list(self._get_indices(indices)))
+
+    def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
+        """Return that no environment is wrapped."""
+        return [False] * len(list(self._get_indices(indices)))

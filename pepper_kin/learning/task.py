@@ -4,21 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from pepper_kin import collision, motion, trajectory
-from pepper_kin.arrays import Array
+from pepper_kin.arrays import Array, BriefRepr
 from pepper_kin.collision import Scene
 from pepper_kin.core.episodes import Score, greatest_distances
 from pepper_kin.core.simulation.target_following import time_to_target
 from pepper_kin.learning.picture import AIM, EYE
 from pepper_kin.model import PepperModel, Sphere, load_pepper
 from pepper_kin.twin import Twin, TwinBatch
-
-if TYPE_CHECKING:
-    from pepper_kin.learning.vector_env import PepperVectorEnv
 
 BANK = 2048
 """Episodes that are drawn for a task, of which those of the environments are chosen."""
@@ -30,6 +27,44 @@ STEPS = 20
 _BALL, _ORANGE = Sphere(0.025), (0.93, 0.36, 0.20, 1.0)
 
 
+@dataclass(frozen=True, eq=False)
+class TaskState(BriefRepr):
+    """N robots between two steps: all that a task knows of its environment.
+
+    Attributes:
+        pepper: The robot.
+        joints: Indices of the joints that actions move, shape (k,).
+        speed: Share of the velocity limits that commands use.
+        period: Time of a step [s].
+        goal_seed: Draws the episodes.
+        threads: Threads that share the robots.
+        position: Of all joints [rad or m], shape (N, n).
+        velocity: Of all joints [rad/s or m/s], shape (N, n).
+        episode: Distinguishing values of the episodes, shape (N, w).
+        begun: Episodes that each robot has begun, shape (N,).
+        elapsed: Steps since the last one has begun, shape (N,).
+        measured: What `RobotTask.measure` returns.
+    """
+
+    pepper: PepperModel
+    joints: np.ndarray
+    speed: float
+    period: float
+    goal_seed: int
+    threads: int
+    position: Array
+    velocity: Array
+    episode: Array
+    begun: np.ndarray
+    elapsed: np.ndarray
+    measured: Any
+
+    @property
+    def time(self) -> Array:
+        """Time since the episodes have begun [s], shape (N,)."""
+        return np.asarray(self.elapsed * self.period, dtype=np.float64)
+
+
 @dataclass(frozen=True)
 class RobotTask:
     """A task: which episodes there are, what is seen of them, and how states are scored.
@@ -38,12 +73,14 @@ class RobotTask:
         name: Its name.
         threshold: Greatest distance of what has met its goal [m].
         horizon: Steps of an episode.
+        duration: Steps at the end of which the goals are met.
         view: Where the camera of pictures is, and what it looks at, in the base's axes [m].
     """
 
     name: str
     threshold: float = 0.05
     horizon: int = 50
+    duration: ClassVar[int] = 1
     view: ClassVar[tuple[tuple[float, ...], tuple[float, ...]]] = (EYE, AIM)
 
     def robot(self) -> PepperModel:
@@ -51,7 +88,7 @@ class RobotTask:
         return load_pepper()
 
     def joints(self, pepper: PepperModel) -> np.ndarray:
-        """Return the places of the joints that actions move, shape (k,)."""
+        """Return the indices of the joints that actions move, shape (k,)."""
         raise NotImplementedError
 
     def action_size(self, pepper: PepperModel) -> int:
@@ -80,41 +117,60 @@ class RobotTask:
         """Return one robot that the task can be done with, for `run_policy`."""
         return Twin(pepper)
 
-    def begin(self, env: PepperVectorEnv, rows: np.ndarray) -> None:
-        """Put robots, shape (k,), to the beginning of their episodes."""
-        env.twins.reset(rows=rows)
+    def base(self, pepper: PepperModel, count: int) -> Any:
+        """Return what moves the bases of N robots beside the twins, or None."""
 
-    def advance(self, env: PepperVectorEnv, moves: Array) -> np.ndarray:
+    def measure(self, twins: TwinBatch, base: Any) -> Any:
+        """Return values of what moves besides the joints, for `TaskState.measured`."""
+
+    def home(self, pepper: PepperModel) -> Array:
+        """Return where the joints are when episodes begin [rad or m], shape (n,)."""
+        return pepper.neutral()
+
+    def reset(self, state: TaskState, rows: np.ndarray, twins: TwinBatch, base: Any) -> None:
+        """Put some robots, shape (k,), to the beginning of the episodes in the state."""
+        twins.reset(self.home(state.pepper), rows=rows)
+
+    def simulate(self, state: TaskState, actions: Array, twins: TwinBatch, base: Any) -> np.ndarray:
         """Let the robots do actions, shape (N, k), for a step; return which are sound, shape (N,)."""
-        targets = env.twins.position
-        targets[:, env.joints] += REACH * moves
-        return env.twins.step(targets, STEPS, speed=env.speed, threads=env.threads)
+        targets = state.position.copy()
+        targets[:, state.joints] += REACH * actions
+        return twins.step(targets, STEPS, speed=state.speed, threads=state.threads)
 
-    def places(self, env: PepperVectorEnv) -> Array:
+    def achieved_goal(self, state: TaskState) -> Array:
         """Return where what is led is [m], shape (N, g, 3)."""
         raise NotImplementedError
 
-    def goals(self, env: PepperVectorEnv) -> Array:
+    def desired_goal(self, state: TaskState) -> Array:
         """Return where it should be now [m], shape (N, g, 3)."""
         raise NotImplementedError
 
-    def extra(self, env: PepperVectorEnv) -> Array:
+    def extra_observation(self, state: TaskState) -> Array:
         """Return what is observed besides, shape (N, e)."""
-        return np.zeros((env.num_envs, 0))
+        return np.zeros((len(state.position), 0))
 
-    def score(self, env: PepperVectorEnv, places: Array, goals: Array) -> Score:
-        """Return how the present states meet their goals, shape (N, g, 3) each [m]."""
-        distance, none = np.empty(len(places)), np.zeros(len(places))
-        greatest_distances(*(np.ascontiguousarray(x, float) for x in (places, goals)), distance)
+    def score(self, state: TaskState, achieved: Array, desired: Array) -> Score:
+        """Return how the states meet their goals, shape (N, g, 3) each [m]."""
+        distance, none = np.empty(len(achieved)), np.zeros(len(achieved))
+        greatest_distances(*(np.ascontiguousarray(x, float) for x in (achieved, desired)), distance)
         return Score(distance, none, distance < self.threshold, none > 0)
 
-    def wanted(self, env: PepperVectorEnv) -> Array:
-        """Return the actions of a policy that knows the robot, the oracle, shape (N, k)."""
+    def expert_targets(self, state: TaskState, before: Array, just_reset: np.ndarray) -> Array:
+        """Return where an expert, who knows the robot, wants the joints [rad or m], shape (N, n).
+
+        Args:
+            state: The robots.
+            before: What it has returned the last time; where the robots were, the first time.
+            just_reset: Which episodes have begun since then, shape (N,).
+        """
         raise NotImplementedError
 
-    def shown(self, env: PepperVectorEnv, row: int) -> Scene:
+    def expert_action(self, state: TaskState, targets: Array) -> Array:
+        """Return the actions that lead to the expert's targets, shape (N, k)."""
+        return np.clip((targets - state.position)[:, state.joints] / REACH, -1.0, 1.0)
+
+    def scene(self, state: TaskState, row: int) -> Scene:
         """Return what is to be seen around one robot."""
-        del env, row
         return Scene()
 
 
@@ -162,13 +218,8 @@ def with_goals(scene: Scene, goals: Array) -> Scene:
     return scene
 
 
-def towards(env: PepperVectorEnv, target: Array) -> Array:
-    """Return the actions that lead to joint positions [rad or m], shape (N, n)."""
-    return np.clip((target - env.twins.position)[:, env.joints] / REACH, -1.0, 1.0)
-
-
-def places_of(pepper: PepperModel, groups: list[str]) -> np.ndarray:
-    """Return the places of joints by their names and groups, shape (k,)."""
+def joint_indices(pepper: PepperModel, groups: list[str]) -> np.ndarray:
+    """Return the indices of joints by their names and groups, shape (k,)."""
     return np.array([pepper.joint_index(name) for name in pepper.resolve_joints(groups)])
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, TypeVar
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -14,15 +15,14 @@ from numpy.typing import NDArray
 from pepper_kin.arrays import Array
 from pepper_kin.core.episodes import Ends, Score, Seen, StepRules, begin_episodes, end_step, observe
 from pepper_kin.exceptions import InvalidValueError
-from pepper_kin.learning.picture import MOST_DRAWN, Pictures
+from pepper_kin.learning.picture import MOST_DRAWN, EpisodeCamera
 from pepper_kin.learning.randomization import Randomization
-from pepper_kin.learning.task import STEPS, RobotTask
+from pepper_kin.learning.task import STEPS, RobotTask, TaskState
 from pepper_kin.learning.tasks import task_named
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.joint_vectors import check_choice, check_seed, check_whole
 from pepper_kin.planners.compiled import stream_key
 
-T = TypeVar("T")
 _LOST = 1.0  # [m] counted for each step that a lost episode would have had
 
 
@@ -91,11 +91,12 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
         if render_mode is not None:
             check_choice("render_mode", render_mode, ("rgb_array",))
         self.render_mode = render_mode
-        self._pictures = None if render_mode is None else Pictures(self.pepper, *self.task.view)
+        self._camera = None if render_mode is None else EpisodeCamera(self.pepper, *self.task.view)
         given = {} if randomization is None else randomization
         differing = given if isinstance(given, Randomization) else Randomization(given)
         options = differing.drawn(self.pepper, self.num_envs, check_seed(randomization_seed))
         self.twins = self.task.twins(self.pepper, self.num_envs, options)
+        self._base = self.task.base(self.pepper, self.num_envs)
         self.period, self.goal_seed = STEPS * self.twins.timestep, check_seed(goal_seed)
         self._bank = np.ascontiguousarray(
             _episodes(self.pepper, self.task, speed, self.period, self.goal_seed), float
@@ -106,12 +107,12 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
         fastest = self.pepper.velocity_limits[self.joints]
         self._scales = np.array([(low + high) / 2, (high - low) / 2, fastest])
         self._rules = StepRules(self.task.horizon, _LOST, bool(sparse))
-        self._keys, self._episodes, self.elapsed = (np.zeros(self.num_envs, np.int64) for _ in range(3))
-        self.episode = self._bank[np.zeros(self.num_envs, np.int64)]
-        self.plans, self._made = self.twins.position, dict[str, Any]()
-        self._new, self._lasted = np.ones(self.num_envs, bool), np.zeros(self.num_envs, np.int64)
-        self._ended = np.zeros(self.num_envs, bool)
-        self._ready = False
+        counts = (np.zeros(self.num_envs, np.int64) for _ in range(5))
+        self._keys, self._episodes, self._begun, self._met, self.elapsed = counts
+        self.episode = self._bank[self._episodes]
+        self._ended, self._ready = np.zeros(self.num_envs, bool), False
+        constants = self.joints, speed, self.period, self.goal_seed, self.threads
+        self._state_of = partial(TaskState, self.pepper, *constants)
         self.single_action_space = gymnasium.spaces.Box(
             -1.0, 1.0, (self.task.action_size(self.pepper),), np.float32
         )
@@ -152,7 +153,7 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
             )
         self._begin(np.broadcast_to(mask, (self.num_envs,)) | (not self._ready))
         self._ready = True
-        return self._observations(self.task.places(self)), {}
+        return self._observations(self.state), {}
 
     def step(self, actions: Any) -> tuple[Any, Array, np.ndarray, np.ndarray, dict[str, Any]]:
         """Send the joints to new targets for 20 ms; see `gymnasium.vector.VectorEnv.step`.
@@ -160,74 +161,45 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
         Raises:
             InvalidValueError: for NaN, another shape, or before `reset`.
         """
-        if not self._ready:
-            raise InvalidValueError("step", "before reset", "reset() first")
-        moves = np.asarray(actions, float)
-        if moves.shape != self.action_space.shape:
-            raise InvalidValueError("actions", f"shape {moves.shape}", f"shape {self.action_space.shape}")
-        if not np.isfinite(moves).all():
-            row = int(np.argmax(~np.isfinite(moves).all(axis=1)))
-            raise InvalidValueError(f"action of environment {row}", moves[row], "finite numbers from -1 to 1")
+        moves = self._checked(actions)
         anew = self._ended & (self.autoreset_mode is AutoresetMode.NEXT_STEP)
-        sound = self.task.advance(self, np.clip(moves, -1.0, 1.0))
-        if anew.any():
-            self._begin(anew)
+        sound = self.task.simulate(self.state, moves, self.twins, self._base)
+        self._begin(anew)
         self.elapsed[~anew] += 1
-        places = self.task.places(self)
-        distance, cost, success, failed = self.task.score(self, places, self.task.goals(self))
-        score = Score(
-            *(np.ascontiguousarray(part, float) for part in (distance, cost)),
-            *(np.ascontiguousarray(part, bool) for part in (success, failed)),
-        )
-        self._lasted[anew] = 0  # of a step that only begins an episode
-        ends = Ends(np.empty(self.num_envs), np.empty(self.num_envs, bool), np.empty(self.num_envs, bool))
-        end_step(score, np.ascontiguousarray(sound), anew, self.elapsed, self._rules, ends)
-        rewards, terminated, truncated = ends
+        state = self.state
+        score = self._score(state)
+        rewards, terminated, truncated = self._end_step(score, sound, anew)
+        observations = self._observations(state)
         made = {"is_success": score.success & ~score.failed, "distance": score.distance, "diverged": ~sound}
-        self._ended = terminated | truncated
         infos = _infos(made, ~anew)
         if self.autoreset_mode is AutoresetMode.SAME_STEP and self._ended.any():
             ended = self._ended.copy()
             infos = {
-                **_infos(made, ~ended), "final_obs": self._observations(places), "_final_obs": ended,
+                **_infos(made, ~ended), "final_obs": observations, "_final_obs": ended,
                 "final_info": _infos(made, ended), "_final_info": ended,
             }  # fmt: skip
             self._begin(ended)
-            places = self.task.places(self)
-        return self._observations(places), rewards, terminated, truncated, infos
+            observations = self._observations(self.state)
+        return observations, rewards, terminated, truncated, infos
 
     @property
-    def time(self) -> Array:
-        """Time since the episodes have begun [s], shape (N,)."""
-        return np.asarray(self.elapsed * self.period, dtype=np.float64)
-
-    def news(self) -> np.ndarray:
-        """Return the robots whose episodes have begun since the last call, shape (k,)."""
-        rows = np.flatnonzero(self._new)
-        self._new[:] = False
-        return rows
-
-    def made(self, name: str, make: Callable[[], T]) -> T:
-        """Return what a task keeps by a name, made at the first call."""
-        if name not in self._made:
-            self._made[name] = make()
-        found: T = self._made[name]
-        return found
-
-    def lasting(self, met: np.ndarray, steps: int) -> np.ndarray:
-        """Return whether goals are met now and were for so many steps, shape (N,); called once a step."""
-        self._lasted = np.where(met, self._lasted + 1, 0)
-        return self._lasted >= steps
+    def state(self) -> TaskState:
+        """The present states as their task sees them."""
+        return self._state_of(
+            self.twins.position, self.twins.velocity, self.episode.copy(), self._begun.copy(),
+            self.elapsed.copy(), self.task.measure(self.twins, self._base),
+        )  # fmt: skip
 
     def render(self) -> tuple[Any, ...] | None:
         """Return a picture of each robot with its goals, shape (320, 320, 3), or None without `render_mode`.
 
         The first 16 are drawn; one gray picture stands for each of the others.
         """
-        if self._pictures is None:
+        if self._camera is None:
             return None
-        scenes = [self.task.shown(self, row) for row in range(min(self.num_envs, MOST_DRAWN))]
-        return self._pictures.pictures(self.twins.position, scenes)
+        state = self.state
+        scenes = [self.task.scene(state, row) for row in range(min(self.num_envs, MOST_DRAWN))]
+        return self._camera.pictures(state.position, scenes)
 
     def compute_reward(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Array:
         """Return the rewards of goals achieved beside goals desired [m], shapes (N, 3 hands) or (3 hands,).
@@ -239,32 +211,62 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
         distance = np.linalg.norm(gaps.reshape(*gaps.shape[:-1], -1, 3), axis=-1).max(axis=-1)
         return np.where(distance < self.task.threshold, 0.0, -1.0) if self.sparse else -distance
 
+    def _checked(self, actions: Any) -> Array:
+        """Return actions from -1 to 1, shape (N, k), or refuse them."""
+        if not self._ready:
+            raise InvalidValueError("step", "before reset", "reset() first")
+        moves = np.asarray(actions, float)
+        if moves.shape != self.action_space.shape:
+            raise InvalidValueError("actions", f"shape {moves.shape}", f"shape {self.action_space.shape}")
+        if not np.isfinite(moves).all():
+            row = int(np.argmax(~np.isfinite(moves).all(axis=1)))
+            raise InvalidValueError(f"action of environment {row}", moves[row], "finite numbers from -1 to 1")
+        return np.clip(moves, -1.0, 1.0)
+
+    def _score(self, state: TaskState) -> Score:
+        """Return how the states at the end of a step meet their goals, and have for so long."""
+        found = self.task.score(state, self.task.achieved_goal(state), self.task.desired_goal(state))
+        distance, cost = (np.ascontiguousarray(part, float) for part in found[:2])
+        met, failed = (np.ascontiguousarray(part, bool) for part in found[2:])
+        self._met = np.where(met, self._met + 1, 0)
+        return Score(distance, cost, self._met >= self.task.duration, failed)
+
+    def _end_step(self, score: Score, sound: np.ndarray, anew: np.ndarray) -> Ends:
+        """Return the rewards, and which episodes end; a step that begins one, shape (N,), has neither."""
+        ends = Ends(np.empty(self.num_envs), np.empty(self.num_envs, bool), np.empty(self.num_envs, bool))
+        end_step(score, np.ascontiguousarray(sound), anew, self.elapsed, self._rules, ends)
+        self._met[anew], self._ended = 0, ends.terminated | ends.truncated
+        return ends
+
     def _begin(self, mask: np.ndarray) -> None:
         """Begin new episodes of some robots, shape (N,)."""
         rows = np.flatnonzero(mask)
         if not rows.size:
             return
         begin_episodes(rows, self._keys, self._episodes, self._bank, self.episode)
-        self.elapsed[rows], self._ended[rows], self._new[rows], self._lasted[rows] = 0, False, True, 0
-        self.task.begin(self, rows)
+        self._begun[rows] += 1
+        self.elapsed[rows], self._ended[rows], self._met[rows] = 0, False, 0
+        self.task.reset(self.state, rows, self.twins, self._base)
 
-    def _observations(self, places: Array) -> Any:
-        """Return new arrays of what is observed, with what is led at places [m], shape (N, g, 3)."""
-        goals, extra = self.task.goals(self), self.task.extra(self)
-        own = self.twins.position, self.twins.velocity
-        seen = Seen(*own, *(np.ascontiguousarray(part, float) for part in (places, goals, extra)))
-        size = 2 * self.joints.size + (1 if self.goal_form else 2) * places[0].size + extra.shape[1]
+    def _observations(self, state: TaskState) -> Any:
+        """Return new arrays of what is observed."""
+        achieved, desired = self.task.achieved_goal(state), self.task.desired_goal(state)
+        parts = achieved, desired, self.task.extra_observation(state)
+        seen = Seen(state.position, state.velocity, *(np.ascontiguousarray(part, float) for part in parts))
+        ways = 1 if self.goal_form else 2
+        size = 2 * self.joints.size + ways * seen.places[0].size + seen.extra.shape[1]
         found = np.empty((self.num_envs, size), np.float32)
         observe(seen, self._scales, self.joints, not self.goal_form, found)
         if not self.goal_form:
             return found
-        parts = {"achieved_goal": places, "desired_goal": goals}
-        flat = {name: part.reshape(len(part), -1).astype(np.float32) for name, part in parts.items()}
+        goals = {"achieved_goal": achieved, "desired_goal": desired}
+        flat = {name: part.reshape(len(part), -1).astype(np.float32) for name, part in goals.items()}
         return {"observation": found, **flat}
 
     def _observation_space(self) -> gymnasium.Space[Any]:
-        goal = 3 * self.task.places(self).shape[1]
-        size = 2 * self.joints.size + goal + self.task.extra(self).shape[1]
+        state = self.state
+        goal = 3 * self.task.achieved_goal(state).shape[1]
+        size = 2 * self.joints.size + goal + self.task.extra_observation(state).shape[1]
 
         def box(length: int) -> gymnasium.spaces.Box:
             return gymnasium.spaces.Box(-np.inf, np.inf, (length,), np.float32)

@@ -14,7 +14,7 @@ from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vector, check_choice
 from pepper_kin.model.requirements import Balance, TorqueScale
 from pepper_kin.model.wheels import BASE_JOINTS
-from pepper_kin.motion.gesture_scores import SCORES, Score
+from pepper_kin.motion.gesture_scores import SCORES, GestureScore
 from pepper_kin.trajectory import Trajectory
 from pepper_kin.trajectory.enforce_limits import enforce_limits
 
@@ -91,7 +91,7 @@ def gesture(
     )
 
 
-def _score(name: str) -> Score:
+def _score(name: str) -> GestureScore:
     if name not in SCORES:
         raise UnknownNameError("gesture", name, SCORES)
     return SCORES[name]
@@ -123,7 +123,7 @@ def _rest(pepper: PepperModel, start: ArrayLike | None) -> Array:
 
 
 def _authored(
-    pepper: PepperModel, score: Score, rest: Array, side: str, amplitude: float, tempo: float
+    pepper: PepperModel, score: GestureScore, rest: Array, side: str, amplitude: float, tempo: float
 ) -> Trajectory:
     """Return the curves through the keys, before rounding and slowing down."""
     from scipy.interpolate import PchipInterpolator

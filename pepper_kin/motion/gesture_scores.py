@@ -20,7 +20,7 @@ _ARM = (
 
 
 @dataclass(frozen=True)
-class Key:
+class GestureKey:
     """Where some joints are at one time.
 
     Attributes:
@@ -33,7 +33,7 @@ class Key:
 
 
 @dataclass(frozen=True)
-class Score:
+class GestureScore:
     """One gesture, from the posture Stand and back to it.
 
     Attributes:
@@ -44,7 +44,7 @@ class Score:
 
     says: str
     duration: float
-    keys: tuple[Key, ...]
+    keys: tuple[GestureKey, ...]
 
 
 def _arm(
@@ -71,14 +71,14 @@ def _torso(knee: float, pitch: float, roll: float) -> dict[str, float]:
     return {"KneePitch": knee, "HipPitch": pitch, "HipRoll": roll}
 
 
-def _score(says: str, duration: float, *keys: tuple[float, dict[str, float]]) -> Score:
-    return Score(says, duration, tuple(Key(time, joints) for time, joints in keys))
+def _score(says: str, duration: float, *keys: tuple[float, dict[str, float]]) -> GestureScore:
+    return GestureScore(says, duration, tuple(GestureKey(time, joints) for time, joints in keys))
 
 
 _FREE = {"LShoulderRoll": 0.22}  # the resting arm, out of the way of the hip
 _AHEAD = _head(0.0, -0.21)  # the gaze of the posture Stand
 
-SCORES: dict[str, Score] = {
+SCORES: dict[str, GestureScore] = {
     "wave": _score(
         "raises a hand and swings it from side to side",
         4.4,

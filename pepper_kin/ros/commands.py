@@ -18,7 +18,7 @@ from pepper_kin.naoqi.joint_names import ACTUATED, BASE_RESOURCES
 from pepper_kin.naoqi.joint_tasks import SpeedTask
 from pepper_kin.naoqi.simulated_time import CYCLE
 from pepper_kin.naoqi.tasks import BodyTask
-from pepper_kin.ros.following import BrakeTask, DriveTask
+from pepper_kin.ros.following import BrakeTask, CmdVelTask
 from pepper_kin.ros.message_parts import planar_pose, pose_of
 from pepper_kin.ros.state_messages import BASE, ODOM
 from pepper_kin.servo import Servo, ServoStatus
@@ -51,8 +51,8 @@ class Commands:
 
     def __init__(self, node: RobotNode, timeout: float, robot: str, stamped: bool) -> None:
         self.node, self.timeout = node, timeout
-        self._drive: DriveTask | None = None
-        self._reach: ReachTask | None = None
+        self._drive: CmdVelTask | None = None
+        self._reach: FollowTargetTask | None = None
         self._reaching = threading.Lock()
         both = [
             ("geometry_msgs/msg/Twist", self.on_velocity),
@@ -85,7 +85,7 @@ class Commands:
                 task.refresh(twist)
                 return
             self.node.replace(BASE_RESOURCES)
-            self._drive = DriveTask(twist, self.timeout)
+            self._drive = CmdVelTask(twist, self.timeout)
             body.do(self._drive)
 
     def on_stamped_velocity(self, message: Any) -> None:
@@ -148,7 +148,8 @@ class Commands:
             if task is None or task.ended or task.killed:
                 with body.time.lock:
                     self.node.stop(ACTUATED)
-                task = ReachTask(body, self.timeout)  # takes a while, which must not hold up the cycles
+                # It takes a while, which must not hold up the cycles.
+                task = FollowTargetTask(body, self.timeout)
                 with body.time.lock:
                     self.node.replace(ACTUATED)
                     body.do(task)
@@ -157,7 +158,7 @@ class Commands:
                 task.aim(side, pose)
 
 
-class ReachTask(BodyTask):
+class FollowTargetTask(BodyTask):
     """The hands follow targets by differential inverse kinematics, within all limits, clear of collisions.
 
     Args:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from pepper_kin.naoqi.body import Body
 
 
-class FollowTask(BodyTask):
+class TrajectoryTask(BodyTask):
     """The joints of a trajectory along it, watched by tolerances.
 
     Args:
@@ -141,7 +141,7 @@ class BrakeTask(BodyTask):
         return going
 
 
-class DriveTask(VelocityTask):
+class CmdVelTask(VelocityTask):
     """The base with a velocity that has to be commanded again and again; without that it brakes.
 
     Args:

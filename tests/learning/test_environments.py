@@ -217,11 +217,11 @@ class _Loose(learning.ReachTask):
     def episodes(self, pepper, speed, period, seed):
         return np.asfortranarray(super().episodes(pepper, speed, period, seed), np.float32)
 
-    def places(self, env):
-        return np.asfortranarray(super().places(env))
+    def achieved_goal(self, state):
+        return np.asfortranarray(super().achieved_goal(state))
 
-    def score(self, env, places, goals):
-        found = super().score(env, places, goals)
+    def score(self, state, achieved, desired):
+        found = super().score(state, achieved, desired)
         return found._replace(distance=found.distance.astype(np.float32), success=found.success.tolist())
 
 
@@ -232,6 +232,24 @@ def test_arrays_of_a_task_of_ones_own_may_be_of_any_kind():
     actions = np.random.default_rng(0).uniform(-1.0, 1.0, (3, 5))
     for found, wanted in zip(loose.step(actions)[:4], plain.step(actions)[:4], strict=True):
         np.testing.assert_allclose(found, wanted, atol=1e-6)
+
+
+def test_a_state_is_a_value_and_oracles_do_not_disturb_each_other():
+    env = PepperVectorEnv(3, autoreset_mode=AutoresetMode.SAME_STEP)
+    env.reset(seed=4)
+    first, early = env.state, Oracle(env)
+    kept = [np.copy(part) for part in (first.position, first.episode, first.begun, first.elapsed)]
+    for _ in range(5):
+        env.step(early())
+    for part, old in zip((first.position, first.episode, first.begun, first.elapsed), kept, strict=True):
+        np.testing.assert_array_equal(part, old)
+    assert (env.state.position != first.position).any()
+    np.testing.assert_array_equal(env.state.time, np.full(3, 0.1))
+    np.testing.assert_allclose(Oracle(env)(), early(), atol=1e-9)
+    env.elapsed[1] = env.task.horizon - 1
+    env.step(early())
+    np.testing.assert_array_equal(env.state.begun, kept[2] + [0, 1, 0])
+    assert np.abs(Oracle(env)() - early()).max() < 1e-9
 
 
 def test_misuse_is_refused():

@@ -125,7 +125,7 @@ def test_a_twin_does_what_the_batch_does():
     np.testing.assert_allclose(episode.distances, distances, atol=1e-12)
     np.testing.assert_allclose(episode.motion.end, batch.twins.position[0], atol=1e-12)
     np.testing.assert_array_equal(
-        episode.shown.objects["goal 1"].transform_object_to_world[:3, 3], batch.episode[0, :3]
+        episode.scene.objects["goal 1"].transform_object_to_world[:3, 3], batch.episode[0, :3]
     )
     with pytest.raises(InvalidValueError, match="before reset"):
         one.step(np.zeros((1, 5)))
