@@ -1,19 +1,14 @@
-"""Planners on toy problems: python benchmarks/planners.py [--full].
-
-Worlds are boxes and balls in the unit cube, as machine code that takes one to two tenths of a microsecond a
-state.  "Python" is the same planner with the same validity behind a Python callable, which is called with
-batches of states.  Both take each problem in turn, in one process; times are those of one whole call.  Paths
-are checked here, at a tenth of the resolution, against the world without the margin.
-"""
+"""Planners on toy problems."""
 
 from __future__ import annotations
 
-import argparse
 import time
-from collections.abc import Callable
+from collections import defaultdict
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from harness import Times, figures, pairs, timed
 from numba import cfunc, types
 
 from pepper_kin import planners
@@ -102,51 +97,39 @@ def toys() -> list[Toy]:
     return found
 
 
-def timed(call: Callable[[], object]) -> tuple[float, object]:
-    begun = time.perf_counter()
-    answer = call()
-    return (time.perf_counter() - begun) * 1e3, answer
-
-
-def searches(count: int) -> None:
-    print("| problem | n | machine code: median, p95 [ms] | Python: median, p95 [ms] | ratio |")
-    print("|---|---|---|---|---|")
+def searches(count: int) -> Iterator[tuple]:
     for toy in toys():
-        problems, times = toy.problems(), ([], [])
+        problems, times = toy.problems(), Times(time.perf_counter)
         for seed in range(count):
-            for problem, spent in zip(problems, times, strict=True):
-                taken, result = timed(lambda p=problem, s=seed: planners.rrt_connect(p, seed=s, timeout=60.0))
+            for kind, problem in enumerate(problems):
+                result = times(kind, planners.rrt_connect, problem, seed=seed, timeout=60.0)
                 toy.require_free(result.path)
-                spent.append(taken)
-        (m, p), (mm, pp) = (np.percentile(spent, [50, 95]) for spent in times)
-        print(f"| {toy.name} | {toy.start.size} | {m:.2f}, {p:.2f} | {mm:.1f}, {pp:.1f} | {mm / m:.0f} |")
+        (m, p), (mm, pp) = (times.at(kind, 50, 95) for kind in times)
+        head = "problem | n | machine code: median, p95 [ms] | Python: median, p95 [ms] | ratio {:.0f}"
+        yield head, toy.name, toy.start.size, f"{m:.2f}, {p:.2f}", f"{mm:.1f}, {pp:.1f}", mm / m
 
 
-def short_cuts(count: int) -> None:
-    print("| problem | n | machine code [ms] | Python [ms] | length before | machine code | Python |")
-    print("|---|---|---|---|---|---|---|")
+def short_cuts(count: int) -> Iterator[tuple]:
     for toy in toys():
-        problems, times, lengths, before = toy.problems(), ([], []), ([], []), []
+        problems, times, lengths = toy.problems(), Times(time.perf_counter), defaultdict(list)
         for seed in range(count):
             path = planners.rrt_connect(problems[0], seed=seed, timeout=60.0).path
-            before.append(path.length)
-            for k, problem in enumerate(problems):
-                taken, short = timed(
-                    lambda p=problem, s=seed, q=path: planners.shortcut(p, q, seed=s, timeout=60.0)
-                )
+            lengths["before"].append(path.length)
+            for kind, problem in enumerate(problems):
+                short = times(kind, planners.shortcut, problem, path, seed=seed, timeout=60.0)
                 toy.require_free(short)
-                times[k].append(taken)
-                lengths[k].append(short.length)
-        fast, slow = (np.median(spent) for spent in times)
-        numbers = " | ".join(f"{np.mean(some):.3f}" for some in (before, *lengths))
-        print(f"| {toy.name} | {toy.start.size} | {fast:.2f} | {slow:.0f} | {numbers} |")
+                lengths[kind].append(short.length)
+        yield (
+            "problem | n | machine code [ms] {:.2f} | Python [ms] {:.0f} | length before {:.3f} | machine "
+            "code {:.3f} | Python {:.3f}",
+            toy.name, toy.start.size, *map(times.at, times), *map(np.mean, lengths.values()),
+        )  # fmt: skip
 
 
-def improvements(count: int) -> None:
+def improvements(count: int) -> Iterator[tuple]:
     """Around a ball, where the shortest path is two tangents and an arc."""
     budgets = (0.01, 0.1, 1.0)
-    print("| n | " + " | ".join(f"above the shortest after {b:g} s" for b in budgets) + " |")
-    print("|---|" + "---|" * len(budgets))
+    head = "n | " + " | ".join(f"above the shortest after {b:g} s {{:.2f}} %" for b in budgets)
     for n in (2, 3, 5, 10):
         ends = np.full((2, n), 0.5)
         ends[:, 0] = 0.1, 0.9
@@ -158,47 +141,45 @@ def improvements(count: int) -> None:
             results = [planners.aorrtc(toy.problems()[0], seed=s, timeout=budget) for s in range(count)]
             for result in results:
                 toy.require_free(result.path)
-            gaps.append(np.median([result.cost / shortest - 1 for result in results]))
-        print(f"| {n} | " + " | ".join(f"{100 * gap:.2f} %" for gap in gaps) + " |")
+            gaps.append(100 * np.median([result.cost / shortest - 1 for result in results]))
+        yield head, n, *gaps
 
 
-def queries(count: int) -> None:
-    print("| problem | n | first query [ms] | later ones, median [ms] | search, median [ms] | nodes |")
-    print("|---|---|---|---|---|---|")
+def queries(count: int) -> Iterator[tuple]:
     for toy in toys():
         problem = toy.problems()[0]
         roadmap, rng = planners.Roadmap(problem), np.random.default_rng(0)
-        states = rng.random((50 * count, toy.start.size))
-        pairs = states[problem.validity(states)][: 2 * count].reshape(-1, 2, toy.start.size)
-        times, searched = [], []
-        for start, goal in pairs:
-            taken, result = timed(lambda a=start, b=goal, r=roadmap: r.solve(a, b, timeout=60.0))
-            toy.require_free(result.path)
-            times.append(taken)
+        states, times = rng.random((50 * count, toy.start.size)), Times(time.perf_counter)
+        for start, goal in pairs(states[problem.validity(states)][: 2 * count]):
+            toy.require_free(times("query", roadmap.solve, start, goal, timeout=60.0).path)
             alone = Problem(problem.lower, problem.upper, start, goal, problem.validity, None, toy.resolution)
-            searched.append(timed(lambda p=alone: planners.rrt_connect(p, timeout=60.0))[0])
-        first, later, search = times[0], np.median(times[1:]), np.median(searched)
-        print(
-            f"| {toy.name} | {toy.start.size} | {first:.2f} | {later:.2f} | {search:.2f} | {roadmap.nodes} |"
-        )
+            times("search", planners.rrt_connect, alone, timeout=60.0)
+        first, *later = times["query"]
+        yield (
+            "problem | n | first query [ms] {:.2f} | later ones, median [ms] {:.2f} | search, median [ms] "
+            "{:.2f} | nodes",
+            toy.name, toy.start.size, 1e3 * first, 1e3 * np.median(later), times.at("search"), roadmap.nodes,
+        )  # fmt: skip
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--full", action="store_true", help="ten times as many problems")
-    factor = 10 if parser.parse_args().full else 1
+@figures("benchmarks/planners.md", count=1)
+def planners_on_toys(count: int = 3) -> Iterator[tuple | str]:
+    """Planners on toy problems: 10 x `count` searches, `count` short-cuts, 17 x `count` queries each.
+
+    Worlds are boxes and balls in the unit cube, as machine code that takes one to two tenths of a microsecond
+    a state.  "Python" is the same planner with the same validity behind a Python callable, which is called
+    with batches of states.  Both take each problem in turn, in one process; times are those of one whole
+    call.  Paths are checked here, at a tenth of the resolution, against the world without the margin.
+    """
     warm = toys()[0].problems()[0]
-    load, _ = timed(lambda: planners.aorrtc(warm, max_iterations=1))
-    more, _ = timed(lambda: planners.Roadmap(warm).solve(timeout=60.0))
-    print(f"Loading or compiling: {(load + more) / 1e3:.1f} s\n\n## rrt_connect\n")
-    searches(30 * factor)
-    print("\n## shortcut, 200 attempts\n")
-    short_cuts(3 * factor)
-    print("\n## aorrtc\n")
-    improvements(3 * factor)
-    print("\n## Roadmap\n")
-    queries(50 * factor)
-
-
-if __name__ == "__main__":
-    main()
+    _, load = timed(planners.aorrtc, warm, max_iterations=1, clock=time.perf_counter)
+    _, more = timed(planners.Roadmap(warm).solve, timeout=60.0, clock=time.perf_counter)
+    yield f"Loading or compiling: {load + more:.1f} s"
+    yield "## rrt_connect"
+    yield from searches(10 * count)
+    yield "## shortcut, 200 attempts"
+    yield from short_cuts(count)
+    yield "## aorrtc"
+    yield from improvements(count)
+    yield "## Roadmap"
+    yield from queries(17 * count)

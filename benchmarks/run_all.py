@@ -1,7 +1,9 @@
-"""Every figure of the docs beside an earlier commit: operations in turn, and the scripts' own tables.
+"""Every figure of the docs by one command each, and operations beside an earlier commit.
 
-Two processes, one with each commit's package, take turns at every operation of `operations.py`; a peer takes
-its turn in the newer one.  Ratios of processor time are compared, so that other load and the machine's speed
+`NAME [--quick] ...` runs a benchmark and prints its tables as the page has them, `NAME --help` tells its
+options, and `--list` tells names, pages and what each needs.  Without a name operations are compared: two
+processes, one with each commit's package, take turns at every operation of `operations.py`; a peer takes its
+turn in the newer one.  Ratios of processor time are compared, so that other load and the machine's speed
 cancel out.  A ratio fell where it is below one by more than three standard errors of its median and by more
 than 4 %, twice in a row, the second time over three times as many turns; then the exit code is 1.
 
@@ -10,6 +12,7 @@ first of its commits.  With `--scripts` the commands that the pages in `docs/` n
 there, at either commit by its own scripts, and print their tables; words in capitals are filled in by
 `--fill`.
 
+    python benchmarks/run_all.py ik_rows --rows 5000
     python benchmarks/run_all.py --beside 6fe442b5 --keep
     python benchmarks/run_all.py --scripts timing --fill PROBLEMS=problems --fill RESOURCES=vamp/resources
 """
@@ -18,21 +21,20 @@ from __future__ import annotations
 
 import argparse
 import csv
-import io
 import os
 import re
 import shlex
 import subprocess
 import sys
-import tarfile
 import tempfile
 import time
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, fields
 from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
-from edits import HERE, copy_of
+from harness import HERE, Served, laid_out, listed, run, show
 from operations import OPERATIONS, Operation
 
 HISTORY = HERE / "benchmarks" / "history.csv"
@@ -69,43 +71,20 @@ class Compared:
         return self.ratio < 1.0 - max(ERRORS * self.error, SHARE)
 
 
-class Side:
-    """A process that serves operations with the package of one commit.
-
-    Args:
-        package: Folder that holds the package.
-        folder: Where its machine code is kept.
-    """
+class Side(Served):
+    """A process that serves operations with the package of one commit, its machine code kept in a folder."""
 
     def __init__(self, package: Path, folder: Path) -> None:
-        command = [sys.executable, str(HERE / "benchmarks" / "operations.py")]
-        self._process = subprocess.Popen(
-            command,
-            env=environment(package, folder),
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
+        command = sys.executable, HERE / "benchmarks" / "operations.py"
+        super().__init__(*command, env=environment(package, folder))
 
     def ask(self, words: str) -> float:
-        """Return the answer; nan where the operation cannot be done.
-
-        Raises:
-            RuntimeError: The process ended.
-        """
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        print(words, file=self._process.stdin, flush=True)
-        answer = self._process.stdout.readline().strip()
-        if not answer:
-            raise RuntimeError(f"the process ended during {words!r}")
-        if answer.startswith("error"):
+        """Return the answer; nan where the operation cannot be done."""
+        answer = super().ask(words)
+        if isinstance(answer, str):
             print(f"<!-- {words}: {answer} -->")
             return float("nan")
         return float(answer)
-
-    def close(self) -> None:
-        self._process.communicate()
 
 
 def environment(package: Path, folder: Path) -> dict[str, str]:
@@ -160,36 +139,36 @@ def operations(beside: str, turns: int, only: str, folder: Path) -> list[Compare
     head = subprocess.check_output([*git, "rev-parse", "--short=8", "HEAD"], text=True).strip()
     changed = subprocess.check_output([*git, "status", "--porcelain", "pepper_kin", "planners", "urdf"])
     commits = beside, head + ("+" if changed else "")
-    packages = [copy_of(beside, folder / "before"), copy_of(None, folder / "now")]
+    packages = [laid_out(beside, folder / "before"), laid_out(None, folder / "now")]
     sides = [Side(package, folder / f"{package.name} cache") for package in packages]
     past, rows = history(), []
-    print(
-        f"\n| operation | page | now [us] | at {beside} over now | since the first kept | peer over now | |"
-    )
-    print("|---|---|---|---|---|---|---|")
-    for name, operation in OPERATIONS.items():
-        if not re.search(only, f"{name} {operation.page}"):
-            continue
-        row = compared(name, commits, sides, turns)
-        if row.fell:  # other programs can do that once
-            row = compared(name, commits, sides, 3 * turns)
-        rows.append(row)
-        print(line(row, operation, past), flush=True)
+
+    def cells() -> Iterator[tuple]:
+        for name, operation in OPERATIONS.items():
+            if re.search(only, f"{name} {operation.page}"):
+                row = compared(name, commits, sides, turns)
+                if row.fell:  # other programs can do that once
+                    row = compared(name, commits, sides, 3 * turns)
+                rows.append(row)
+                yield cells_of(row, operation, past)
+
+    show(cells())
     for side in sides:
         side.close()
     return rows
 
 
-def line(row: Compared, operation: Operation, past: list[Compared]) -> str:
+def cells_of(row: Compared, operation: Operation, past: list[Compared]) -> tuple:
     """Return a row of the table."""
     chain = [kept.ratio for kept in past if kept.operation == row.operation and np.isfinite(kept.ratio)]
     ratio = f"{row.ratio:.3f} +- {row.error:.3f}" if np.isfinite(row.ratio) else "new"
-    peer = f"{row.over_peer:.1f} ({row.peer})" if row.peer else "-"
-    since = f"{np.prod([*chain, row.ratio]):.2f}" if chain else "-"
     return (
-        f"| {operation.words} | {operation.page} | {row.microseconds:.2f} | {ratio} | {since} | {peer} "
-        f"| {'**slower**' if row.fell else ''} |"
-    )
+        f"operation | page | now [us] {{:.2f}} | at {row.beside} over now | since the first kept {{:.2f}} | "
+        "peer over now | ",
+        operation.words, operation.page, row.microseconds, ratio,
+        np.prod([*chain, row.ratio]) if chain else "-",
+        f"{row.over_peer:.1f} ({row.peer})" if row.peer else "-", "**slower**" if row.fell else "",
+    )  # fmt: skip
 
 
 def commands(only: str) -> list[tuple[str, str]]:
@@ -198,13 +177,14 @@ def commands(only: str) -> list[tuple[str, str]]:
     named = [(page.stem, *match) for page in pages for match in COMMAND.findall(page.read_text("utf-8"))]
     found: dict[str, str] = {}
     for page, _, command in sorted(named, key=lambda row: not row[1]):  # those with "python" first: whole
-        script = command.split()[0]
+        words = command.split()
+        script = " ".join(words[: 1 + (Path(__file__).name in words[0])])
         if command != script or not any(other.startswith(script) for other in found):
             found.setdefault(command, page)
     return [
         (command, page)
         for command, page in found.items()
-        if re.search(only, page) and Path(__file__).name not in command
+        if re.search(only, page) and not [*command.split(), "--"][1].startswith(("--", "NAME"))
     ]
 
 
@@ -228,14 +208,11 @@ def filled(command: str, words: dict[str, str]) -> list[str] | None:
 
 def scripts(beside: str, only: str, words: dict[str, str], minutes: float, folder: Path) -> None:
     """Run the commands of the pages with the package of either commit, and print what they print."""
-    tree = folder / "tree"  # of the earlier commit: its own scripts, which know its own modules
-    tree.mkdir()
-    packed = subprocess.run(["git", "archive", beside], cwd=HERE, capture_output=True, check=True).stdout
-    with tarfile.open(fileobj=io.BytesIO(packed)) as archive:
-        archive.extractall(tree, filter="data")
+    tree = folder / "tree"  # of the earlier commit: its own scripts
+    laid_out(beside, tree, ".")
     sides = {
-        beside: (copy_of(beside, folder / "before"), tree),
-        "now": (copy_of(None, folder / "now"), HERE),
+        beside: (laid_out(beside, folder / "before"), tree),
+        "now": (laid_out(None, folder / "now"), HERE),
     }
     for command, page in commands(only):
         line = filled(command, words)
@@ -263,6 +240,9 @@ def scripts(beside: str, only: str, words: dict[str, str], minutes: float, folde
 
 def main() -> int:
     """Print the tables; return 1 where a ratio fell."""
+    if sys.argv[1:] and sys.argv[1] in listed():
+        run(sys.argv[1], sys.argv[2:])
+        return 0
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--beside", help="the earlier commit; the last one of the history if left out")
     parser.add_argument("--turns", type=int, default=11)
@@ -271,7 +251,12 @@ def main() -> int:
     parser.add_argument("--scripts", nargs="?", const="", help="run the commands of pages; their pattern")
     parser.add_argument("--fill", action="append", default=[], metavar="WORD=VALUE")
     parser.add_argument("--minutes", type=float, default=15.0, help="most that a command may take")
+    parser.add_argument("--list", action="store_true", help="names, pages and needs of all benchmarks")
     options = parser.parse_args()
+    if options.list:
+        rows = listed().items()
+        show(("name | page | needs", name, page, needs) for name, (_, page, needs) in rows)
+        return 0
     past = history()
     beside = options.beside or (past[-1].commit.rstrip("+") if past else "HEAD~1")
     with tempfile.TemporaryDirectory() as folder:
