@@ -67,7 +67,6 @@ class Robot:
     def __init__(self, hands: str) -> None:
         self.pepper = pk.load_pepper(hands=hands)
         self.tree = kinematic_tree(self.pepper.document)
-        self.full_names = list(self.pepper.inner_model.names)[1:]
         self.solids: dict[str, list[Solid]] = {}
         for shape in self.pepper.collision_shapes:
             body, pose = self.body_of(shape.link)
@@ -92,46 +91,14 @@ class Robot:
             pose, link = placed.transform_child_to_parent @ pose, placed.joint.parent
         return link, pose
 
-    def path(self, link):
-        names = []
-        while link in self.tree.joints:
-            names.append(link)
-            link = self.tree.joints[link].joint.parent
-        return names[::-1]
-
     def draw(self, rng, count):
         pepper = self.pepper
         return rng.uniform(pepper.lower_limits, pepper.upper_limits, size=(count, pepper.n))
 
-    def poses(self, q, bodies, above=()):
-        """Poses of bodies, each (k, 4, 4), at q (k, n); links in `above` stand still at the identity."""
-        full = self.pepper.to_full(q)
-        column = {name: i for i, name in enumerate(self.full_names)}
-        found = {link: np.eye(4)[None] for link in above}
-
-        def pose(link):
-            if link in found:
-                return found[link]
-            if link not in self.tree.joints:
-                return np.eye(4)[None]
-            placed = self.tree.joints[link]
-            result = pose(placed.joint.parent) @ placed.transform_child_to_parent
-            if placed.joint.type != "fixed":
-                angle = full[:, column[placed.joint.name]]
-                x, y, z = placed.axis
-                cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-                turn = np.zeros((len(full), 4, 4))
-                turn[:, 3, 3] = 1
-                turn[:, :3, :3] = (
-                    np.eye(3)
-                    + np.sin(angle)[:, None, None] * cross
-                    + (1 - np.cos(angle))[:, None, None] * (cross @ cross)
-                )
-                result = result @ turn
-            found[link] = result
-            return result
-
-        return {body: np.broadcast_to(pose(body), (len(q), 4, 4)) for body in bodies}
+    def poses(self, q, bodies):
+        """Poses of bodies, each (k, 4, 4), at q (k, n)."""
+        found = pk.kinematics.frame_poses(self.pepper, q, bodies)
+        return dict(zip(bodies, np.moveaxis(found, 1, 0), strict=True))
 
 
 @functools.cache
@@ -236,13 +203,10 @@ def closest(job):
     """Attack one pair: the least distance that a shrinking random search finds [m]."""
     hands, pair, seed, hard = job
     robot, rng = robot_with(hands), np.random.default_rng(seed)
-    paths = [robot.path(robot.body_of(link)[0]) for link in pair]
-    shared = set(paths[0]) & set(paths[1])
     bodies = sorted({solid.body for link in pair for solid in robot.solids[link]})
-    still = [link for link in (paths[0] + ["base_footprint"]) if link in shared]
 
     def distance(q):
-        poses = robot.poses(q, bodies, above=still)
+        poses = robot.poses(q, bodies)
         best = np.full(len(q), np.inf)
         for a, b in itertools.product(robot.solids[pair[0]], robot.solids[pair[1]]):
             pa, pb = poses[a.body], poses[b.body]
@@ -379,11 +343,7 @@ def write_srdf(path, result):
 
 @figures("theory/sources.md", samples=100)
 def allowed_collisions(
-    samples: int = 1_000_000,
-    seed: int = 0,
-    processes: int = 2,
-    output: Path = Path("pairs.csv"),
-    srdf: Path | None = None,
+    samples=1_000_000, seed=0, processes=2, output=Path("pairs.csv"), srdf: Path | None = None
 ) -> Iterator[str]:
     """Which pairs of links never touch: sampling, then a search that tries to make the rest touch.
 

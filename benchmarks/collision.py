@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio
-from harness import ROBOTS, Times, example_robot, figures, in_turn, table, timed
+from harness import ROBOTS, Times, example_robot, figures, in_turn, table
 
 import pepper_kin as pk
 from pepper_kin.collision import CollisionChecker, PointCloud
@@ -59,24 +59,6 @@ def beside_coal(fast: FastChecker, q: np.ndarray) -> tuple[int, int, int]:
     return differ, confirmed, ties
 
 
-def edges(fast: FastChecker, q: np.ndarray) -> tuple[float, float, float]:
-    """Return [s] per state of valid edges of 32 states, and the shares of short edges free and certified."""
-    pepper = fast.pepper
-    free = q[~fast.in_collision(q)][:2000].reshape(2, -1, pepper.n)
-    validity = fast.compiled(pepper.posture("Stand"), np.arange(pepper.n))
-    memory, states, spent = validity.new_memory(), 0, 0.0
-    certified = sampled = 0
-    for k, (a, b) in enumerate(zip(*free, strict=True)):
-        b = a + 0.05 * (b - a)
-        valid, taken = timed(validity.valid_steps, a, b, 32, memory, clock=time.perf_counter)
-        if valid == 32:
-            spent, states = spent + taken, states + 32
-        if k < 300:
-            sampled += fast.edge_free(a, b, 0.002)
-            certified += fast.edge_certified(a, b)
-    return spent / states, sampled / 300, certified / 300
-
-
 @figures("benchmarks/collision.md", count=20_000)
 def collision(count: int = 1_000_000) -> Iterator[tuple | str]:
     """Collision checks of random configurations: the compiled check beside coal, in one process."""
@@ -109,29 +91,6 @@ def collision(count: int = 1_000_000) -> Iterator[tuple | str]:
             "scene | compiled, ns {:.0f} | coal from Python, ns {:.0f} | ratio {:.0f}",
             name, ours, coal, coal / ours,
         )  # fmt: skip
-    fast, decided = checkers["10 box"], random_q(pepper, 400_000, seed=2)
-    in_doubt, _ = nanoseconds(fast, decided[_doubtful(fast, decided)])
-    yield f"A configuration that spheres leave in doubt: {in_doubt:.0f} ns, exact stage included."
-    state, free, proven = edges(fast, q[:50_000])
-    yield (
-        f"Edges of 32 states, called from Python: {state * 1e9:.0f} ns per state. "
-        f"Of short edges {free:.0%} are free at every sample, {proven:.0%} are certified."
-    )
-
-
-def _doubtful(fast: FastChecker, q: np.ndarray) -> np.ndarray:
-    """Which configurations spheres leave in doubt, found by halving."""
-    doubtful = np.zeros(len(q), dtype=bool)
-    pending = [(0, len(q))]
-    while pending:
-        first, last = pending.pop()
-        if last > first and fast.doubts(q[first:last])[0]:
-            if last - first == 1:
-                doubtful[first] = True
-            else:
-                middle = (first + last) // 2
-                pending += [(first, middle), (middle, last)]
-    return doubtful
 
 
 KINDS = ("box", "cylinder", "sphere", "capsule")
@@ -142,7 +101,7 @@ STATES = 2_000
 
 @figures("benchmarks/collision.md", "Fetch's description for its row", count=2_000)
 def collision_verdicts(
-    robots: tuple[str, ...] = ("pepper", *ROBOTS), fetch: Path | None = None, count: int = 1_000_000
+    robots=("pepper", *ROBOTS), fetch: Path | None = None, count=1_000_000
 ) -> Iterator[tuple]:
     """Verdicts of the compiled check beside coal's on five robots among ten objects; a million take hours.
 

@@ -293,9 +293,7 @@ def single_rows(pepper: pk.PepperModel, calls: int, repeats: int, other: Served 
 ASKED_OF_BATCHES = {"forward dynamics": 40, "inverse dynamics": 50, "inverse dynamics derivatives": 20}
 
 
-def newest_rows(
-    pepper: pk.PepperModel, states: int, peer_states: int, repeats: int, other: Served
-) -> Iterator:
+def newest_rows(pepper, states, peer_states, repeats, other) -> Iterator:
     """Batches beside loops over the other Pinocchio, in turn."""
     whole = random_states(pepper, states)
     for name, asked in ASKED_OF_BATCHES.items():

@@ -255,8 +255,7 @@ def laid_out(commit: str | None, folder: Path, *names: str) -> Path:
             ignored = shutil.ignore_patterns("__pycache__")
             shutil.copytree(HERE / name, folder / f"{place}{name}", ignore=ignored)
             continue
-        command = ["git", "archive", commit, *([] if name == "." else [name])]
-        packed = subprocess.run(command, cwd=HERE, capture_output=True, check=True).stdout
+        packed = subprocess.check_output(["git", "archive", commit, name], cwd=HERE)
         with tarfile.open(fileobj=io.BytesIO(packed)) as archive:
             archive.extractall(folder / place, filter="data")
     return folder

@@ -83,9 +83,7 @@ def read_logs(folder):
 
 
 @figures("validation.md", "robots' logs")
-def reality(
-    folder: Path = LOGS, packaged: bool = False, as_json: bool = False, as_data: bool = False
-) -> Iterator[str]:
+def reality(folder: Path = LOGS, packaged: bool = False, as_data: bool = False) -> Iterator[str]:
     """The twin beside a real Pepper, from its logs: each person's with actuators fitted to others'.
 
     For each joint |twin - robot| without the stretches that no actuator explains, the delay that is left, and
@@ -111,11 +109,6 @@ def reality(
     for person in sorted({log.person for log in logs}):
         own = ([one for one in every if one.log.person == person] for every in (replays, ideal))
         found[person] = summary(*own)
-    if as_json:
-        joints = {name: one.as_dict() for name, one in identification.compared(replays).items()}
-        whole = {"all": found.pop("all"), "persons": found, "joints": joints, "minutes": minutes}
-        yield json.dumps(whole, indent=1)
-        return
     yield f"{len(logs)} logs, {minutes:.0f} minutes; replay of ten minutes {600 * spent / 60 / minutes:.2f} s"
     if fit is not None:
         yield f"fit with each person left out: {fitting:.0f} s of processor time\n{fit.report()}\n"
@@ -533,9 +526,7 @@ def record(first, last, path, only, draws):
 
 
 @figures("recipes/twin.md", last=1, draws=2)
-def estimates(
-    first: int = 0, last: int = 40, rows: Path = Path("rows.csv"), only: str = "", draws: int = 25
-) -> Iterator[tuple]:
+def estimates(first=0, last=40, rows=Path("rows.csv"), only="", draws=25) -> Iterator[tuple]:
     """Do 95 % intervals of estimates hold the truth?
 
     Scenarios from the first to the last are recorded with the twin: a hand or wrist that carries a load of 50

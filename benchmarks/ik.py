@@ -114,9 +114,7 @@ def batches(count: int) -> Iterator[tuple]:
 
 
 @figures("benchmarks/ik.md", "Pink, mink; RoboPlan's interpreter", count=20, alone=True)
-def ik(
-    count: int = 1_000, classes: str = "abcde", alone: bool = False, roboplan_python: str = ""
-) -> Iterator:
+def ik(count=1_000, classes="abcde", alone=False, roboplan_python="") -> Iterator:
     """Inverse kinematics beside its peers.
 
     Targets are reachable by construction: those of joint positions drawn evenly within the limits.  Solved

@@ -80,14 +80,7 @@ STEPS = 100
 CLOSE = 1e-4  # [m] and [rad]
 
 
-def descent_of_placo(
-    robot: Any,
-    start: np.ndarray,
-    hands: dict[str, np.ndarray],
-    aim: Any = None,
-    gaze: Any = None,
-    steps=STEPS,
-) -> np.ndarray:
+def descent_of_placo(robot, start, hands, aim=None, gaze=None, steps=STEPS) -> np.ndarray:
     """Return where placo, used directly, leads from a start; hands are points, the aim that of the left."""
     import placo
 

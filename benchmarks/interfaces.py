@@ -424,12 +424,7 @@ def measured(name: str, kind: str, count: int, seconds: float) -> tuple:
 
 
 @figures("viewer.md", "the extra `naoqi`", connections=100, seconds=2.0)
-def half_open(
-    connections: int = 10_000,
-    seconds: float = 10.0,
-    servers: tuple[str, ...] = tuple(SERVERS),
-    kinds: tuple[str, ...] = tuple(HTTP),
-) -> Iterator[tuple]:
+def half_open(connections=10_000, seconds=10.0, servers=tuple(SERVERS), kinds=tuple(HTTP)) -> Iterator[tuple]:
     """Servers under a client with thousands of connections and no token: is one with it served, and when?
 
     Each server runs with 1,024 files.  An attacker in a process of its own keeps up to 10,000 connections

@@ -381,12 +381,7 @@ def table_of_cases(found: dict[str, list[dict]]) -> Iterator[tuple]:
 
 @figures("reference_solvers.md", "placo, toppra, proxsuite", problems=2, cases=20)
 def both_chains(
-    problems: int = 200,
-    cases: int = 10_000,
-    kinds: tuple[str, ...] = tuple(KINDS),
-    part: str = "1/1",
-    save: Path | None = None,
-    tables: tuple[str, ...] = (),
+    problems=200, cases=10_000, kinds=tuple(KINDS), part="1/1", save: Path | None = None, tables=()
 ) -> Iterator[tuple | str]:
     """The main job by this library's own code and by Pinocchio, placo, coal and toppra, problem by problem.
 
@@ -472,9 +467,7 @@ def reserve(count: int = 120, save: Path | None = None, beside: Path | None = No
 
 
 @figures("twin.md", count=2)
-def blocked_runs(
-    count: int = 50, seed: int = 0, margin: float = 0.0, least_margin: float = 0.0
-) -> Iterator[str]:
+def blocked_runs(count=50, seed=0, margin=0.0, least_margin=0.0) -> Iterator[str]:
     """What the twin says of motions into obstacles, and of motions planned around them.
 
     Each scene has a box somewhere before the robot.  A motion into it is timed along the straight line from
@@ -509,9 +502,7 @@ def blocked_runs(
     yield f"  drawn besides, without a plan: {dict(refused)}"
 
 
-def draw(
-    pepper: pk.PepperModel, rng: np.random.Generator
-) -> tuple[pk.Scene, np.ndarray | None, pk.ik.HandPosition | None]:
+def draw(pepper, rng) -> tuple[pk.Scene, np.ndarray | None, pk.ik.HandPosition | None]:
     """Return a scene, a posture with a hand in its box, and where a hand is free; None for none found."""
     stand, hand = pepper.posture("Stand"), str(rng.choice(["left", "right"]))
     side = 1.0 if hand == "left" else -1.0

@@ -96,9 +96,7 @@ def problems_of(name: str, folder: Path) -> Any:
     return json.loads(lzma.decompress((folder / f"{name}.json.xz").read_bytes()))
 
 
-def valid_problems(
-    name: str, folder: Path, resources: Path, count: int, module: Any, meshes: bool = False
-) -> Iterator[tuple]:
+def valid_problems(name, folder, resources, count, module, meshes=False) -> Iterator[tuple]:
     """Yield our search, class, number, both scenes, start and goals of what both checks call valid."""
     data = problems_of(name, folder)
     ours = Ours(name, resources, data["joints"], meshes)
@@ -125,12 +123,7 @@ def sampled(curve: Any) -> np.ndarray:
 
 @figures("benchmarks/planners.md", "VAMP, its resources and MotionBenchMaker's problems", count=1, plan=True)
 def planning_vamp(
-    problems: Path,
-    resources: Path,
-    robots: tuple[str, ...] = ("panda", "fetch"),
-    count: int = 50,
-    meshes: bool = False,
-    plan: bool = False,
+    problems: Path, resources: Path, robots=("panda", "fetch"), count=50, meshes=False, plan=False
 ) -> Iterator[tuple | str]:
     """Planning beside VAMP, in one process and in turn, on MotionBenchMaker's problems.
 
@@ -230,11 +223,11 @@ def length_of_vamp(peer: Any, task: planners.Problem, start: Any, goals: Any) ->
 def optimal_planning(
     problems: Path,
     resources: Path,
-    robots: tuple[str, ...] = ("panda", "fetch"),
-    count: int = 5,
-    budget: float = 1.0,
-    long: float = 5.0,
-    iterations: int = 20_000,
+    robots=("panda", "fetch"),
+    count=5,
+    budget=1.0,
+    long=5.0,
+    iterations=20_000,
     best: Path | None = None,
 ) -> Iterator[tuple]:
     """The gap of AORRTC to the best known length on MotionBenchMaker's problems, beside VAMP's AORRTC.
@@ -302,12 +295,7 @@ def panda_with_limits(resources: Path) -> pk.PepperModel:
 
 @figures("benchmarks/optimization.md", "VAMP's resources and MotionBenchMaker's problems", count=1)
 def optimization_mbm(
-    problems: Path,
-    resources: Path,
-    count: int = 10,
-    jerk: float = 30.0,
-    weight: float = 1e-6,
-    solver: str = "newton",
+    problems: Path, resources: Path, count=10, jerk=30.0, weight=1e-6, solver="newton"
 ) -> Iterator[tuple]:
     """Plans optimized, beside the same plans retimed within the same limits of jerk, on the Panda.
 

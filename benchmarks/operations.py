@@ -27,13 +27,9 @@ HAND, SIDES = "LArm_effector", ("left", "right")
 
 @dataclass(frozen=True)
 class Operation:
-    """An operation.
+    """What is done, in words, its page of `docs/benchmarks`, what makes ours, problems and the peer's.
 
-    Attributes:
-        words: What is done, for a table.
-        page: The page of `docs/benchmarks` whose figures it stands for.
-        make: Makes the problems; returns ours, their number, and the peer's.
-        peer: The peer's name and the distribution whose version tells it apart; empty where there is none.
+    The peer is its name and the distribution whose version tells it apart.
     """
 
     words: str

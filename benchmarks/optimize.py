@@ -15,6 +15,7 @@ from pepper_kin.motion.static_limits import StaticLimits
 
 PEPPER = pk.load_pepper().with_requirements("limits")
 TABLE = pk.Scene().add_box("table", size=(0.6, 1.2, 0.04), position=(0.53, 0.0, 0.72))
+JERK = Cost().jerk
 CHECKED = (
     "position", "velocity", "acceleration", "torque", "velocity_continuity", "obstacle_clearance",
     "self_clearance",
@@ -118,9 +119,7 @@ def beside_references(plans: list[pk.motion.Plan], cost: Cost) -> Iterator[tuple
 
 
 @figures("benchmarks/optimization.md", problems=2)
-def optimize_whole_body(
-    problems: int = 24, jerk: float = Cost().jerk, seed: int = 0, references: int = 0
-) -> Iterator[tuple | str]:
+def optimize_whole_body(problems=24, jerk=JERK, seed=0, references=0) -> Iterator[tuple | str]:
     """Optimized motions against sample + shortcut + retime, whole body, beside a table.
 
     Start and goal are random postures of all joints that are free and can be held.  `plan` searches, shortens

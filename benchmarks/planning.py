@@ -28,13 +28,7 @@ TORSO_AND_ARM = ("torso", "left_arm")
 
 @dataclass(frozen=True)
 class Kind:
-    """One kind of problem.
-
-    Attributes:
-        scene: Makes the scene of a problem.
-        groups: Joint groups that move.
-        planar: Whether the base moves.
-    """
+    """One kind of problem: what makes its scene, the joint groups that move, and whether the base does."""
 
     scene: Callable[[np.random.Generator], pk.Scene]
     groups: tuple[str, ...] = TORSO_AND_ARM
@@ -137,14 +131,7 @@ class Problem:
 
 
 def problems(kind: Kind, count: int, seed: int, *, blocked: bool = False) -> list[Problem]:
-    """Return problems with ends drawn evenly from the free configurations.
-
-    Args:
-        kind: Scene and joints.
-        count: How many.
-        seed: Of everything.
-        blocked: Whether only those count in which the straight way touches something.
-    """
+    """Return problems with ends drawn evenly from what is free; `blocked`, where the straight way touches."""
     generator = np.random.default_rng(seed)
     pepper = pk.load_pepper(base="planar").with_requirements("limits") if kind.planar else PEPPER
     joints = tuple(name for group in kind.groups for name in pepper.joint_group(group))

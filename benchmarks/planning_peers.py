@@ -61,11 +61,7 @@ def _words(values: Any) -> str:
 
 
 class Roboplan(Served):
-    """RoboPlan in a process of its own.
-
-    Attributes:
-        time: Of the last job, measured in the other process [s].
-    """
+    """RoboPlan in a process of its own; `time` is that of the last job, measured there [s]."""
 
     def __init__(self, python: str, pepper: pk.PepperModel) -> None:
         with tempfile.TemporaryDirectory() as folder:
@@ -101,9 +97,7 @@ class Roboplan(Served):
         """Return which configurations, shape (m, n), collide, shape (m,)."""
         return np.array(self.do("validity", states=q[:, self._to].tolist())["collides"])
 
-    def connect(
-        self, start: np.ndarray, goal: np.ndarray, group: str, step: float, seed: int, timeout: float
-    ) -> np.ndarray | None:
+    def connect(self, start, goal, group, step, seed, timeout) -> np.ndarray | None:
         """Return the way-points of a path, shape (k, n), checked every `step` [rad]; None for none."""
 
         start, goal = (q[self._to].tolist() for q in (start, goal))
@@ -138,19 +132,14 @@ def ompl_states(space: base.RealVectorStateSpace, *vectors: np.ndarray) -> list[
 class CompiledOmpl:
     """One search, whose callbacks read the numbers of states and call the compiled check, and nothing else.
 
-    Args:
-        problem: The problem, whose validity is machine code.
-        by_edge: Whether a motion validator is asked for edges; else states are asked for, as OMPL does.
-
-    Attributes:
-        inside: Time within callbacks [s].
-        calls: Number of callbacks.
+    With `by_edge` a motion validator is asked for edges; else states are asked for, as OMPL does.  `inside` is
+    the time within callbacks [s].
     """
 
     def __init__(self, problem: planners.Problem, *, by_edge: bool) -> None:
         code = problem.validity
         assert isinstance(code, planners.CompiledMotionValidator)
-        n, self.inside, self.calls = problem.n, 0.0, 0
+        n, self.inside = problem.n, 0.0
         self._check, self._code, self._memory = _CHECK(code.address), code, code.fresh_memory()
         weights = problem.metric.weights
         self._scale = (1.0 / weights).tolist()
@@ -179,7 +168,6 @@ class CompiledOmpl:
         (first, _), (at, _, memory) = self._ends, self._at
         first[:] = [state[i] * scale for i, scale in enumerate(self._scale)]
         found = self._check(at, at, 1, memory) == 1
-        self.calls += 1
         self.inside += time.perf_counter() - begin
         return found
 
@@ -191,7 +179,6 @@ class CompiledOmpl:
         last[:] = [b[i] * scale for i, scale in enumerate(self._scale)]
         steps = int(np.ceil(self.space.distance(a, b) / self._step)) or 1
         found = self._check(at_first, at_last, steps, memory) == steps
-        self.calls += 1
         self.inside += time.perf_counter() - begin
         return found
 

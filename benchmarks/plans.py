@@ -49,15 +49,7 @@ HEIGHTS = {"pepper": (0.3, 1.2), "planar": (0.2, 1.2), "ur5": (-0.2, 0.9), "pand
 
 
 class Asked(NamedTuple):
-    """A problem.
-
-    Attributes:
-        scene: The world.
-        joints: Names of those that move.
-        start: Shape (n,).
-        goal: What `plan` is given.
-        target: The point of a task and its frame, or None.
-    """
+    """A problem: what moves, what `plan` is given, and the frame and point of a task, or None."""
 
     scene: pk.Scene
     joints: tuple[str, ...]
@@ -199,9 +191,7 @@ def retimed(robot: pk.PepperModel, asked: Asked, plan: pk.Plan) -> bool | None:
 
 
 @figures("benchmarks/planning.md", count=5)
-def planning_certificates(
-    count: int = 1000, first: int = 0, robots: tuple[str, ...] = tuple(GROUPS)
-) -> Iterator[tuple]:
+def planning_certificates(count=1000, first=0, robots=tuple(GROUPS)) -> Iterator[tuple]:
     """Curves of `pk.plan` on random problems, examined by code that has no part in planning.
 
     Scenes hold up to ten boxes, spheres, cylinders, capsules, convex hulls and clouds around the robot.

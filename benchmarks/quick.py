@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import platform
 import time
@@ -122,25 +121,20 @@ def states(pepper, rng):
 
 
 @figures("benchmarks.md", repeats=1)
-def quick(repeats: int = 5, seed: int = 0, as_json: bool = False) -> Iterator[tuple | str]:
+def quick(repeats: int = 5, seed: int = 0) -> Iterator[tuple | str]:
     """IK, batches and the twin on this machine in a minute, each beside the usual way to do the same.
 
     The two ways of a row take turns, so that a busy moment of the machine hits both.  What is compiled is
     compiled before the clock runs.  Results of both ways are compared.
     """
     machine = f"{platform.machine()}, {os.cpu_count()} processors, {platform.system()}"
-    if not as_json:
-        yield f"On {machine}: medians of {repeats} turns, one thread."
-    pepper, rows = pk.load_pepper().with_requirements("limits"), []
+    yield f"On {machine}: medians of {repeats} turns, one thread."
+    pepper = pk.load_pepper().with_requirements("limits")
     for measure in (one_ik, many_ik, poses, torques, twin_step):
         name, ours, count, peer, few, quality, ways = measure(pepper, np.random.default_rng(seed))
         spent = in_turn(dict(enumerate(ways)), repeats, time.perf_counter)
         own, other = 1e6 * np.median(spent[0]) / count, 1e6 * np.median(spent[1]) / few
-        rows.append(dict(name=name, ours=ours, us=own, peer=peer, peer_us=other, quality=quality))
-        if not as_json:
-            yield (
-                "what | fast way | time [us] {:.2f} | other way | time [us] {:.2f} | ratio {:.1f} | results",
-                name, ours, own, peer, other, other / own, quality,
-            )  # fmt: skip
-    if as_json:
-        yield json.dumps({"machine": machine, "rows": rows})
+        yield (
+            "what | fast way | time [us] {:.2f} | other way | time [us] {:.2f} | ratio {:.1f} | results",
+            name, ours, own, peer, other, other / own, quality,
+        )  # fmt: skip

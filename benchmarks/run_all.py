@@ -1,20 +1,17 @@
 """Every figure of the docs by one command each, and operations beside an earlier commit.
 
 `NAME [--quick] ...` runs a benchmark and prints its tables as the page has them, `NAME --help` tells its
-options, and `--list` tells names, pages and what each needs.  Without a name operations are compared: two
-processes, one with each commit's package, take turns at every operation of `operations.py`; a peer takes its
-turn in the newer one.  Ratios of processor time are compared, so that other load and the machine's speed
-cancel out.  A ratio fell where it is below one by more than three standard errors of its median and by more
-than 4 %, twice in a row, the second time over three times as many turns; then the exit code is 1.
-
-With `--keep` the ratios are appended to `history.csv`, which tells what has become faster or slower since the
-first of its commits.  With `--scripts` the commands that the pages in `docs/` name are run as they stand
-there, at either commit by its own scripts, and print their tables; words in capitals are filled in by
-`--fill`.
+options, and `--list` tells names, pages and what each needs.  With `--at COMMIT` right behind the name it
+runs with the package of an earlier commit.  Without a name operations are compared: two processes, one with
+each commit's package, take turns at every operation of `operations.py`; a peer takes its turn in the newer
+one.  Ratios of processor time are compared, so that other load and the machine's speed cancel out.  A ratio fell
+where it is below one by more than three standard errors of its median and by more than 4 %, twice in a row,
+the second time over three times as many turns; then the exit code is 1.  With `--keep` the ratios are
+appended to `history.csv`, which tells what has become faster or slower since the first of its commits.
 
     python benchmarks/run_all.py ik_rows --rows 5000
     python benchmarks/run_all.py --beside 6fe442b5 --keep
-    python benchmarks/run_all.py --scripts timing --fill PROBLEMS=problems --fill RESOURCES=vamp/resources
+    python benchmarks/run_all.py trajectory --at 6fe442b5 --certificate
 """
 
 from __future__ import annotations
@@ -23,11 +20,9 @@ import argparse
 import csv
 import os
 import re
-import shlex
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, fields
 from importlib.metadata import version
@@ -39,22 +34,15 @@ from operations import OPERATIONS, Operation
 
 HISTORY = HERE / "benchmarks" / "history.csv"
 SHARE, ERRORS = 0.04, 3.0
-COMMAND = re.compile(r"`(?:\w+=\w+ )?(python )?(benchmarks/\w+\.py[^`]*)`")
 
 
 @dataclass(frozen=True)
 class Compared:
-    """An operation at two commits: a row of the history.
+    """An operation at two commits: a row of the history; microseconds are processor time of this machine.
 
-    Attributes:
-        commit: The newer commit; "+" behind it where files were changed since.
-        beside: The earlier one.
-        operation: Name of the operation.
-        microseconds: Processor time of one problem [us]: of this machine, for orientation only.
-        ratio: Time at the earlier commit over the time now; nan where the earlier one cannot do it.
-        error: Standard error of the ratio's median.
-        peer: The peer with its version.
-        over_peer: The peer's time over ours.
+    The newer commit has "+" behind it where files were changed since; the ratio is the time at the earlier
+    commit over that now, nan where the earlier one cannot do it, with the standard error of its median;
+    `over_peer` is the peer's time over ours.
     """
 
     commit: str
@@ -171,86 +159,27 @@ def cells_of(row: Compared, operation: Operation, past: list[Compared]) -> tuple
     )  # fmt: skip
 
 
-def commands(only: str) -> list[tuple[str, str]]:
-    """Return the commands that the pages name, each with its page."""
-    pages = sorted(HERE.glob("docs/**/*.md"), key=lambda page: (page.parent.name != "benchmarks", page))
-    named = [(page.stem, *match) for page in pages for match in COMMAND.findall(page.read_text("utf-8"))]
-    found: dict[str, str] = {}
-    for page, _, command in sorted(named, key=lambda row: not row[1]):  # those with "python" first: whole
-        words = command.split()
-        script = " ".join(words[: 1 + (Path(__file__).name in words[0])])
-        if command != script or not any(other.startswith(script) for other in found):
-            found.setdefault(command, page)
-    return [
-        (command, page)
-        for command, page in found.items()
-        if re.search(only, page) and not [*command.split(), "--"][1].startswith(("--", "NAME"))
-    ]
-
-
-def filled(command: str, words: dict[str, str]) -> list[str] | None:
-    """Return a command's words, those in capitals filled in; None where one is missing.
-
-    An option whose word is missing is left out.
-    """
-    found: list[str] = []
-    for word in shlex.split(command):
-        if not re.fullmatch(r"[A-Z]+(/\w+)?", word):
-            found.append(word)
-        elif word.split("/")[0] in words:
-            found.append(word.replace(word.split("/")[0], words[word.split("/")[0]]))
-        elif found[-1].startswith("--"):
-            found.pop()
-        else:
-            return None
-    return found
-
-
-def scripts(beside: str, only: str, words: dict[str, str], minutes: float, folder: Path) -> None:
-    """Run the commands of the pages with the package of either commit, and print what they print."""
-    tree = folder / "tree"  # of the earlier commit: its own scripts
-    laid_out(beside, tree, ".")
-    sides = {
-        beside: (laid_out(beside, folder / "before"), tree),
-        "now": (laid_out(None, folder / "now"), HERE),
-    }
-    for command, page in commands(only):
-        line = filled(command, words)
-        print(f"\n## {page}: `python {command}`\n")
-        if line is None:
-            print("Not run: a word in capitals has no `--fill`.")
-            continue
-        for name, (package, place) in sides.items():
-            if not (place / line[0]).exists():
-                print(f"{name}: there is no such script.\n")
-                continue
-            variables = environment(package, folder / f"{package.name} cache")
-            begin = time.monotonic()
-            try:
-                done = subprocess.run(
-                    [sys.executable, *line], cwd=place, env=variables, capture_output=True, text=True,
-                    timeout=60.0 * minutes,
-                )  # fmt: skip
-                how = "" if done.returncode == 0 else f", exit code {done.returncode}: {done.stderr[-300:]}"
-                text = done.stdout
-            except subprocess.TimeoutExpired as late:
-                how, text = f", ended after {minutes:g} minutes", (late.stdout or b"").decode()
-            print(f"{name}, {time.monotonic() - begin:.0f} s{how}:\n\n{text}", flush=True)
+def at(commit: str, name: str, words: list[str]) -> int:
+    """Run a benchmark with the package of an earlier commit."""
+    with tempfile.TemporaryDirectory() as folder:
+        package = laid_out(commit, Path(folder) / "copy")
+        command = [sys.executable, __file__, name, *words]
+        return subprocess.run(command, env=environment(package, Path(folder) / "cache")).returncode
 
 
 def main() -> int:
     """Print the tables; return 1 where a ratio fell."""
     if sys.argv[1:] and sys.argv[1] in listed():
-        run(sys.argv[1], sys.argv[2:])
+        name, *words = sys.argv[1:]
+        if words[:1] == ["--at"]:
+            return at(words[1], name, words[2:])
+        run(name, words)
         return 0
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--beside", help="the earlier commit; the last one of the history if left out")
     parser.add_argument("--turns", type=int, default=11)
     parser.add_argument("--only", default="", help="pattern of the operations' names and pages")
     parser.add_argument("--keep", action="store_true", help="append to the history")
-    parser.add_argument("--scripts", nargs="?", const="", help="run the commands of pages; their pattern")
-    parser.add_argument("--fill", action="append", default=[], metavar="WORD=VALUE")
-    parser.add_argument("--minutes", type=float, default=15.0, help="most that a command may take")
     parser.add_argument("--list", action="store_true", help="names, pages and needs of all benchmarks")
     options = parser.parse_args()
     if options.list:
@@ -260,10 +189,6 @@ def main() -> int:
     past = history()
     beside = options.beside or (past[-1].commit.rstrip("+") if past else "HEAD~1")
     with tempfile.TemporaryDirectory() as folder:
-        if options.scripts is not None:
-            words = dict(pair.split("=", 1) for pair in options.fill)
-            scripts(beside, options.scripts, words, options.minutes, Path(folder))
-            return 0
         rows = operations(beside, options.turns, options.only, Path(folder))
     if options.keep:
         keep(rows)

@@ -250,9 +250,7 @@ pk.retime(p, [q, 0.9 * q], solver=sys.argv[1]); print(time.perf_counter() - begi
 
 
 @figures("benchmarks/timing.md", "toppra", count=2, repeats=1)
-def trajectory(
-    count: int = 15, repeats: int = 7, certificate: bool = False, jerk: bool = False
-) -> Iterator[tuple]:
+def trajectory(count=15, repeats=7, certificate=False, jerk=False) -> Iterator[tuple]:
     """Timing along paths beside toppra.
 
     Random paths of five way-points for all 15 joints.  Each case is timed in turn with toppra used directly

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 import mujoco
 import numpy as np
 import pinocchio
-from harness import both_clocks, example_robot, figures, in_turn, python, table, timed
+from harness import both_clocks, example_robot, figures, in_turn, table, timed
 from mujoco import rollout
 
 import pepper_kin as pk
@@ -58,9 +58,7 @@ class MujocoRobot:
         return states
 
 
-def pinocchio_loop(
-    pepper: pk.PepperModel, start: np.ndarray, position: np.ndarray, velocity: np.ndarray
-) -> np.ndarray:
+def pinocchio_loop(pepper, start, position, velocity) -> np.ndarray:
     """The same scheme as the twin's, with the articulated-body algorithm called from Python."""
     servo = actuator_parameters(pepper)
     model = pinocchio.Model(pepper.inner_model)
@@ -104,9 +102,7 @@ def one(pepper: pk.PepperModel, trajectory: pk.Trajectory, repeats: int) -> Iter
         )  # fmt: skip
 
 
-def many(
-    pepper: pk.PepperModel, trajectory: pk.Trajectory, count: int, steps: int, repeats: int
-) -> Iterator[tuple | str]:
+def many(pepper, trajectory, count, steps, repeats) -> Iterator[tuple | str]:
     q_ref, v_ref, _ = trajectory(H * np.arange(1, steps + 1))
     robot = MujocoRobot(pepper)
     controls, start = robot.controls(q_ref, v_ref), trajectory.start
@@ -218,20 +214,13 @@ def recorded(pepper: pk.PepperModel, seconds: float) -> Iterator[tuple | str]:
         )  # fmt: skip
 
 
-FIRST_STEP = """
-import time, pepper_kin as pk; p = pk.load_pepper(); t = pk.Twin(p); begin = time.perf_counter()
-t.step(p.posture('Stand')); print(time.perf_counter() - begin)
-"""
-
-
-@figures("benchmarks/twin.md", steps=500, seconds=10.0, rounds=3, cold=0)
-def twin(steps: int = 2000, seconds: float = 60.0, rounds: int = 9, cold: int = 1) -> Iterator[tuple | str]:
+@figures("benchmarks/twin.md", steps=500, seconds=10.0, rounds=3)
+def twin(steps: int = 2000, seconds: float = 60.0, rounds: int = 9) -> Iterator[tuple | str]:
     """Speed of the twin, alone, among things and in batches, beside MuJoCo and Pinocchio.
 
     Peers run in the same process, interleaved; ratios are medians over repeats.  All follow the same movement
     without contacts, at steps of 1 ms, and their final states are compared.  With contacts and sensors, time
-    is also that of the processor, which other programs disturb less.  `cold` tells whether first steps of
-    new processes are timed.
+    is also that of the processor, which other programs disturb less.
     """
     pepper = pk.load_pepper().with_requirements("limits")
     away = dict(LShoulderPitch=0.4, LElbowRoll=-0.9, RShoulderPitch=0.6, HeadYaw=0.6, HipPitch=-0.2)
@@ -241,12 +230,6 @@ def twin(steps: int = 2000, seconds: float = 60.0, rounds: int = 9, cold: int = 
     yield from many(pepper, trajectory, 4096, steps // 10, rounds)
     yield from among_things(pepper, steps, rounds + rounds // 2 + 2)
     yield from recorded(pepper, seconds)
-    with tempfile.TemporaryDirectory() as folder:
-        for name in ("nothing on disk", "machine code on disk") if cold else ():
-            yield (
-                "first step in a process | time [s] {:.2f}",
-                name, float(python(FIRST_STEP, PEPPER_KIN_CACHE=folder)),
-            )  # fmt: skip
 
 
 SECONDS = 2.0  # simulated, for the suite at its own rates

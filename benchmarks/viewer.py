@@ -156,9 +156,7 @@ def rates(page, server, seconds):
 
 
 @figures("benchmarks/viewer.md", "Chromium, playwright", drags=10, seconds=0.5)
-def viewer(
-    drags: int = 200, seconds: float = 4.0, swiftshader_compositor: bool = False
-) -> Iterator[tuple | str]:
+def viewer(drags=200, seconds=4.0, swiftshader_compositor=False) -> Iterator[tuple | str]:
     """Latency and frame rate of the live page in software rendering.
 
     A headless Chromium draws 800 x 600 pixels on the processor, which also runs the server.  Latency is from
