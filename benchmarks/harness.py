@@ -90,7 +90,7 @@ def run(name: str, words: list[str]) -> None:
         if default is False:
             parser.add_argument(f"--{key.replace('_', '-')}", action="store_true", **option)
             continue
-        first = default[0] if isinstance(default, tuple) else default
+        first = (default or ("",))[0] if isinstance(default, tuple) else default
         kinds[key] = (
             TYPES[str(parameter.annotation).split(" ")[0]]
             if first is None or first is parameter.empty

@@ -132,8 +132,8 @@ def ompl_states(space: base.RealVectorStateSpace, *vectors: np.ndarray) -> list[
 class CompiledOmpl:
     """One search, whose callbacks read the numbers of states and call the compiled check, and nothing else.
 
-    With `by_edge` a motion validator is asked for edges; else states are asked for, as OMPL does.  `inside` is
-    the time within callbacks [s].
+    With `by_edge` a motion validator is asked for edges; else states are asked for, as OMPL does.
+    `inside` is the time within callbacks [s].
     """
 
     def __init__(self, problem: planners.Problem, *, by_edge: bool) -> None:

@@ -4,10 +4,10 @@
 options, and `--list` tells names, pages and what each needs.  With `--at COMMIT` right behind the name it
 runs with the package of an earlier commit.  Without a name operations are compared: two processes, one with
 each commit's package, take turns at every operation of `operations.py`; a peer takes its turn in the newer
-one.  Ratios of processor time are compared, so that other load and the machine's speed cancel out.  A ratio fell
-where it is below one by more than three standard errors of its median and by more than 4 %, twice in a row,
-the second time over three times as many turns; then the exit code is 1.  With `--keep` the ratios are
-appended to `history.csv`, which tells what has become faster or slower since the first of its commits.
+one.  Ratios of processor time are compared, so that other load and the machine's speed cancel out.  A
+ratio fell where it is below one by more than three standard errors of its median and by more than 4 %,
+twice in a row, the second time over three times as many turns; then the exit code is 1.  With `--keep` the
+ratios are appended to `history.csv`, which tells what has become faster or slower since its first commit.
 
     python benchmarks/run_all.py ik_rows --rows 5000
     python benchmarks/run_all.py --beside 6fe442b5 --keep
