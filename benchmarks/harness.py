@@ -21,6 +21,7 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import cache
 from importlib.metadata import distribution
 from pathlib import Path
 from typing import Any
@@ -72,8 +73,8 @@ def listed() -> dict[str, tuple[str, str, str]]:
     return found
 
 
-def run(name: str, words: list[str]) -> None:
-    """Run a benchmark with the words of its command and print its tables."""
+def options_of(name: str, words: list[str]) -> dict[str, Any]:
+    """Return the options of a benchmark that the words of its command name, or end with a message."""
     importlib.import_module(listed()[name][0])
     one = REGISTERED[name]
     parser = argparse.ArgumentParser(
@@ -104,7 +105,13 @@ def run(name: str, words: list[str]) -> None:
     options = options | {k: kinds[k](v) for k, v in zip(kinds, given.pop("words"), strict=False)} | given
     if missing := [key for key in needed if key not in options]:
         parser.error(f"missing: {', '.join(missing)}")
-    show(one.make(**options) or ())
+    return options
+
+
+def run(name: str, words: list[str]) -> None:
+    """Run a benchmark with the words of its command and print its tables."""
+    options = options_of(name, words)
+    show(REGISTERED[name].make(**options) or ())
 
 
 def show(rows: Iterable[tuple | str]) -> None:
@@ -237,6 +244,7 @@ def example_robot(name: str) -> Any:
     return pk.load_robot(urdf, srdf, [share])
 
 
+@cache
 def table() -> Any:
     """Return a scene of the table that most benchmarks reach over."""
     import pepper_kin as pk

@@ -263,7 +263,8 @@ def of_collisions(count: int, rows: slice) -> Iterator[dict]:
     fast = CHAINS["fast"]
     for q in postures(count)[rows]:
         differs = len({bool(collision.in_collision(pepper, q, table())) for pepper in CHAINS.values()}) > 1
-        yield "differs | distance", differs, float(collision.clearance(fast, q, table())) if differs else 0.0
+        apart = float(collision.clearance(fast, q, table())) if differs else 0.0
+        yield {"differs": differs, "distance": apart}
 
 
 def of_ik(count: int, rows: slice) -> Iterator[dict]:
@@ -310,11 +311,11 @@ def of_timing(count: int, rows: slice) -> Iterator[dict]:
                 times.append(np.inf)
         feasible = np.isfinite(times)
         if feasible.all():
-            yield "off", abs(times[1] / times[0] - 1.0)
+            yield {"off": abs(times[1] / times[0] - 1.0)}
             continue
         torque = dynamics.gravity_torque(fast, np.linspace(*path, 1000))
         most = fast.requirements.torque_scale * fast.effort_limits
-        yield "off | by one | not held", None, bool(feasible.any()), bool((np.abs(torque) > most).any())
+        yield {"off": None, "by one": bool(feasible.any()), "not held": bool((np.abs(torque) > most).any())}
 
 
 KINDS = {
