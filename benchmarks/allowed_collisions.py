@@ -1,33 +1,21 @@
-"""Which pairs of links never touch: sampling, then a search that tries to make the rest touch.
-
-    nice python benchmarks/allowed_collisions.py --samples 1000000 --seed 0 --processes 2 \
-        --output pairs.csv --srdf urdf/pepper.srdf
-
-Three robots are sampled, because a pair may be disabled only if it never touches in any of them: locked hands
-(fingers part of the wrist), hands driven by their opening, and 28 independent fingers.  A pair that has
-touched once is settled; of a pair that has not, every sample is checked.  What has never touched is then
-attacked: from the closest of random starts, a shrinking random search lowers the pair's distance.  Only a
-pair that stays apart by more than MARGIN is reported as "Never".  A pair whose mirror image must be checked
-is checked too, and so is every part of a hand against what any part of it touches.
-
-"Always" pairs touch in every configuration; "Grasp" pairs are parts of one hand that touch as the hand closes
-on itself.  Pairs that the SRDF marks "DependentRange" keep that word.
-"""
+"""Which pairs of links never touch: the pairs that `urdf/pepper.srdf` disables."""
 
 from __future__ import annotations
 
-import argparse
 import csv
 import functools
 import itertools
 import multiprocessing
-import pathlib
 import re
 import time
+from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import coal
 import numpy as np
+from harness import figures, timed
 
 import pepper_kin as pk
 from pepper_kin.collision.checker import coal_geometry
@@ -79,7 +67,6 @@ class Robot:
     def __init__(self, hands: str) -> None:
         self.pepper = pk.load_pepper(hands=hands)
         self.tree = kinematic_tree(self.pepper.document)
-        self.full_names = list(self.pepper.inner_model.names)[1:]
         self.solids: dict[str, list[Solid]] = {}
         for shape in self.pepper.collision_shapes:
             body, pose = self.body_of(shape.link)
@@ -104,46 +91,14 @@ class Robot:
             pose, link = placed.transform_child_to_parent @ pose, placed.joint.parent
         return link, pose
 
-    def path(self, link):
-        names = []
-        while link in self.tree.joints:
-            names.append(link)
-            link = self.tree.joints[link].joint.parent
-        return names[::-1]
-
     def draw(self, rng, count):
         pepper = self.pepper
         return rng.uniform(pepper.lower_limits, pepper.upper_limits, size=(count, pepper.n))
 
-    def poses(self, q, bodies, above=()):
-        """Poses of bodies, each (k, 4, 4), at q (k, n); links in `above` stand still at the identity."""
-        full = self.pepper.to_full(q)
-        column = {name: i for i, name in enumerate(self.full_names)}
-        found = {link: np.eye(4)[None] for link in above}
-
-        def pose(link):
-            if link in found:
-                return found[link]
-            if link not in self.tree.joints:
-                return np.eye(4)[None]
-            placed = self.tree.joints[link]
-            result = pose(placed.joint.parent) @ placed.transform_child_to_parent
-            if placed.joint.type != "fixed":
-                angle = full[:, column[placed.joint.name]]
-                x, y, z = placed.axis
-                cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-                turn = np.zeros((len(full), 4, 4))
-                turn[:, 3, 3] = 1
-                turn[:, :3, :3] = (
-                    np.eye(3)
-                    + np.sin(angle)[:, None, None] * cross
-                    + (1 - np.cos(angle))[:, None, None] * (cross @ cross)
-                )
-                result = result @ turn
-            found[link] = result
-            return result
-
-        return {body: np.broadcast_to(pose(body), (len(q), 4, 4)) for body in bodies}
+    def poses(self, q, bodies):
+        """Poses of bodies, each (k, 4, 4), at q (k, n)."""
+        found = pk.kinematics.frame_poses(self.pepper, q, bodies)
+        return dict(zip(bodies, np.moveaxis(found, 1, 0), strict=True))
 
 
 @functools.cache
@@ -248,13 +203,10 @@ def closest(job):
     """Attack one pair: the least distance that a shrinking random search finds [m]."""
     hands, pair, seed, hard = job
     robot, rng = robot_with(hands), np.random.default_rng(seed)
-    paths = [robot.path(robot.body_of(link)[0]) for link in pair]
-    shared = set(paths[0]) & set(paths[1])
     bodies = sorted({solid.body for link in pair for solid in robot.solids[link]})
-    still = [link for link in (paths[0] + ["base_footprint"]) if link in shared]
 
     def distance(q):
-        poses = robot.poses(q, bodies, above=still)
+        poses = robot.poses(q, bodies)
         best = np.full(len(q), np.inf)
         for a, b in itertools.product(robot.solids[pair[0]], robot.solids[pair[1]]):
             pa, pb = poses[a.body], poses[b.body]
@@ -374,48 +326,46 @@ def spread(touched, every):
 def write_srdf(path, result):
     """Replace all lines from the marker on; pairs marked "DependentRange" keep that reason."""
     marker = "  <!-- Pairs of links that are not checked"
-    text = pathlib.Path(path).read_text(encoding="utf-8")
-    head, tail = text.split(marker)
+    head, tail = path.read_text(encoding="utf-8").split(marker)
     ranges = {
         tuple(sorted(pair))
         for pair in re.findall(r'link1="(\S+)" link2="(\S+)" reason="DependentRange"', tail)
     }
     note = tail.split("-->")[0]
-    lines = []
-    for reason in ("DependentRange", "Adjacent", "Always", "Grasp", "Never"):
-        for pair, (found, _) in result.items():
-            if reason == ("DependentRange" if pair in ranges else found):
-                lines.append(
-                    f'  <disable_collisions link1="{pair[0]}" link2="{pair[1]}" reason="{reason}"/>\n'
-                )
-    pathlib.Path(path).write_text(
-        head + marker + note + "-->\n" + "".join(lines) + "</robot>\n", encoding="utf-8"
-    )
+    lines = [
+        f'  <disable_collisions link1="{pair[0]}" link2="{pair[1]}" reason="{reason}"/>\n'
+        for reason in ("DependentRange", "Adjacent", "Always", "Grasp", "Never")
+        for pair, (found, _) in result.items()
+        if reason == ("DependentRange" if pair in ranges else found)
+    ]
+    path.write_text(head + marker + note + "-->\n" + "".join(lines) + "</robot>\n", encoding="utf-8")
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--samples", type=int, default=1_000_000)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--processes", type=int, default=2)
-    parser.add_argument("--output", required=True, help="table of pairs (CSV)")
-    parser.add_argument("--srdf", help="SRDF whose list of pairs is written anew")
-    options = parser.parse_args()
-    begin = time.perf_counter()
-    with multiprocessing.get_context("spawn").Pool(options.processes) as pool:
-        result = decide(options.samples, options.seed, pool, options.processes)
-    with open(options.output, "w", encoding="utf-8", newline="") as file:
+@figures("theory/sources.md", samples=100)
+def allowed_collisions(
+    samples=1_000_000, seed=0, processes=2, output=Path("pairs.csv"), srdf: Path | None = None
+) -> Iterator[str]:
+    """Which pairs of links never touch: sampling, then a search that tries to make the rest touch.
+
+    Three robots are sampled, because a pair may be disabled only if it never touches in any of them: locked
+    hands (fingers part of the wrist), hands driven by their opening, and 28 independent fingers.  A pair that
+    has touched once is settled; of a pair that has not, every sample is checked.  What has never touched is
+    then attacked: from the closest of random starts, a shrinking random search lowers the pair's distance.
+    Only a pair that stays apart by more than MARGIN is reported as "Never".  A pair whose mirror image must
+    be checked is checked too, and so is every part of a hand against what any part of it touches.
+
+    "Always" pairs touch in every configuration; "Grasp" pairs are parts of one hand that touch as the hand
+    closes on itself.  Pairs that the SRDF marks "DependentRange" keep that word.  The table of pairs is
+    written to `output`; the list in `srdf`, if named, is written anew.
+    """
+    with multiprocessing.get_context("spawn").Pool(processes) as pool:
+        result, spent = timed(decide, samples, seed, pool, processes, clock=time.perf_counter)
+    with output.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(["link_1", "link_2", "reason", "least_distance_m"])
         for pair, (reason, least) in result.items():
             writer.writerow([*pair, reason, least if least == "" else f"{least:.4f}"])
-    if options.srdf:
-        write_srdf(options.srdf, result)
-    counts = {}
-    for reason, _ in result.values():
-        counts[reason] = counts.get(reason, 0) + 1
-    print(f"{len(HANDS)} x {options.samples} configurations, {time.perf_counter() - begin:.0f} s: {counts}")
-
-
-if __name__ == "__main__":
-    main()
+    if srdf:
+        write_srdf(srdf, result)
+    counts = dict(Counter(reason for reason, _ in result.values()))
+    yield f"{len(HANDS)} x {samples} configurations, {spent:.0f} s: {counts}"

@@ -1,46 +1,25 @@
-"""Instructions and cache lines of operations, beside the time that the processor needs at the least for them.
-
-Valgrind counts them (`apt install valgrind`): each operation of `operations.py` runs once and several times,
-and the difference is counted, so that neither imports nor the first call are in it.  Counts hardly differ
-from run to run, nor with other load.  The processor's rate is that of a chain of additions, one a cycle.
-Prints Markdown.
-
-    python benchmarks/counts.py [OPERATION ...]
-"""
+"""Instructions and cache lines of operations, beside the time that the processor needs at the least."""
 
 from __future__ import annotations
 
-import argparse
 import os
 import re
 import subprocess
 import sys
-import time
+from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
+from harness import figures, in_turn, show
 from operations import OPERATIONS, repeated
 
 from pepper_kin.kernels.compiled_function import compiled
 
-USUAL = [
-    "inverse_dynamics",
-    "forward_dynamics",
-    "mass_matrix",
-    "inverse_dynamics_derivatives",
-    "inverse_dynamics_batch",
-    "forward_dynamics_batch",
-    "ik_hand",
-    "ik_hand_clear",
-    "ik_batch",
-    "check_one",
-    "check_batch",
-    "servo",
-    "plan",
-    "retime",
-    "certificate",
-    "twin",
-    "twin_batch",
-]
+USUAL = (
+    "inverse_dynamics", "forward_dynamics", "mass_matrix", "inverse_dynamics_derivatives",
+    "inverse_dynamics_batch", "forward_dynamics_batch", "ik_hand", "ik_hand_clear", "ik_batch", "check_one",
+    "check_batch", "servo", "plan", "retime", "certificate", "twin", "twin_batch",
+)  # fmt: skip
 A_CYCLE = 4.0
 """Instructions that the processor is granted a cycle."""
 LINE = 64
@@ -58,32 +37,31 @@ def additions(count: int, step: int) -> int:
 
 def rate() -> float:
     """Return cycles a second of this processor: two operations of one cycle each in a chain."""
-    count, best = 20_000_000, np.inf
-    additions(10, 3)
-    for _ in range(5):
-        begin = time.process_time()
-        additions(count, 3)
-        best = min(best, time.process_time() - begin)
-    return 2.0 * count / best
+    count = 20_000_000
+    return 2.0 * count / in_turn({"": lambda: additions(count, 3)}, 5)[""].min()
 
 
 def bandwidth() -> float:
     """Return bytes a second that one core reads and writes of arrays that no cache holds."""
-    source, best = np.ones(1 << 25), np.inf
+    source = np.ones(1 << 25)
     target = np.empty_like(source)
-    for _ in range(5):
-        begin = time.process_time()
-        np.copyto(target, source)
-        best = min(best, time.process_time() - begin)
-    return 2.0 * source.nbytes / best
+    return 2.0 * source.nbytes / in_turn({"": lambda: np.copyto(target, source)}, 5)[""].min()
+
+
+def worked(name: str, times: int) -> None:
+    """Do an operation so often, for valgrind."""
+    function = OPERATIONS[name].make()[0]
+    for _ in range(times):
+        function()
 
 
 def counted(name: str, times: int) -> dict[str, int]:
     """Return what valgrind counts in a process that does an operation so often."""
     command = ["valgrind", "--tool=cachegrind", "--cache-sim=yes", "--cachegrind-out-file=/dev/null"]
     variables = os.environ | {"PYTHONHASHSEED": "0", "OPENBLAS_NUM_THREADS": "1"}
-    work = [sys.executable, __file__, "--run", name, str(times)]
-    done = subprocess.run([*command, *work], env=variables, capture_output=True, text=True, check=True)
+    work = [sys.executable, "-c", f"import counts; counts.worked({name!r}, {times})"]
+    here = {"cwd": Path(__file__).parent, "env": variables}
+    done = subprocess.run([*command, *work], capture_output=True, text=True, check=True, **here)
     found = {}
     for key, pattern in COUNTED.items():
         match = re.search(rf"{pattern}: +([\d,]+)", done.stderr)
@@ -92,46 +70,33 @@ def counted(name: str, times: int) -> dict[str, int]:
     return found
 
 
-def row(name: str, cycles: float) -> str:
-    """Return a row of the table."""
-    ours, problems, _ = OPERATIONS[name].make()
-    many, times = repeated(ours)
-    spent = []
-    for _ in range(9):
-        begin = time.process_time()
-        many()
-        spent.append((time.process_time() - begin) / times / problems)
-    few, more = counted(name, 1), counted(name, 1 + times)
-    instructions, lines, far = ((more[key] - few[key]) / times / problems for key in COUNTED)
-    least, taken = instructions / A_CYCLE / cycles, min(spent)
-    return (
-        f"| {OPERATIONS[name].words} | {instructions:,.0f} | {lines:,.1f} | {far:,.2f} | {1e6 * least:.3g} "
-        f"| {1e6 * taken:.3g} | {instructions / (taken * cycles):.1f} |"
-    )
+@figures("benchmarks/why.md", "valgrind", operations=("inverse_dynamics",))
+def counts(operations: tuple[str, ...] = USUAL) -> Iterator[tuple | str]:
+    """Instructions and cache lines of operations, beside the time that the processor needs at the least.
 
-
-def main() -> None:
-    """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("operations", nargs="*", default=USUAL)
-    parser.add_argument("--run", nargs=2, metavar=("OPERATION", "TIMES"), help=argparse.SUPPRESS)
-    options = parser.parse_args()
-    if options.run:
-        function = OPERATIONS[options.run[0]].make()[0]
-        for _ in range(int(options.run[1])):
-            function()
-        return
+    Valgrind counts them (`apt install valgrind`): each operation of `operations.py` runs once and several
+    times, and the difference is counted, so that neither imports nor the first call are in it.  Counts hardly
+    differ from run to run, nor with other load.  The processor's rate is that of a chain of additions, one a
+    cycle.
+    """
     cycles = rate()
-    print(
-        f"{cycles / 1e9:.1f} GHz, {A_CYCLE:g} instructions granted a cycle, cache lines of {LINE} bytes, ",
-        end="",
+    yield (
+        f"{cycles / 1e9:.1f} GHz, {A_CYCLE:g} instructions granted a cycle, cache lines of {LINE} bytes, "
+        f"{bandwidth() / 1e9:.0f} GB/s copied"
     )
-    print(f"{bandwidth() / 1e9:.0f} GB/s copied\n")
-    print("| operation | instructions | lines from L2 | from memory | least [us] | taken [us] | a cycle |")
-    print("|---|---|---|---|---|---|---|")
-    for name in options.operations:
-        print(row(name, cycles), flush=True)
+    for name in operations:
+        ours, problems, _ = OPERATIONS[name].make()
+        many, times = repeated(ours)
+        taken = in_turn({"": many}, 9)[""].min() / times / problems
+        few, more = counted(name, 1), counted(name, 1 + times)
+        instructions, lines, far = ((more[key] - few[key]) / times / problems for key in COUNTED)
+        yield (
+            "operation | instructions {:,.0f} | lines from L2 {:,.1f} | from memory {:,.2f} | least [us] "
+            "{:.3g} | taken [us] {:.3g} | a cycle {:.1f}",
+            OPERATIONS[name].words, instructions, lines, far, 1e6 * instructions / A_CYCLE / cycles,
+            1e6 * taken, instructions / (taken * cycles),
+        )  # fmt: skip
 
 
 if __name__ == "__main__":
-    main()
+    show(counts(tuple(sys.argv[1:]) or USUAL))

@@ -1,32 +1,21 @@
-"""Speed of dynamics and kinematics: batches against loops over Pinocchio and MuJoCo, and the rest of it.
-
-python benchmarks/dynamics.py [--quick]
-
-Peers run in the same process, or in one of their own with `--pinocchio-python`, interleaved; ratios are
-medians over repeats, of processor time where one thread computes.  Before it is timed, each batch
-is compared with its peer's results.  Prints Markdown.
-"""
+"""Dynamics and kinematics: batches beside loops over Pinocchio and MuJoCo, single calls, new processes."""
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
 import platform
-import statistics
-import subprocess
-import sys
 import tempfile
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import mujoco
 import numpy as np
 import pinocchio as pin
 from dynamics_pinocchio_server import WORLD, pinocchio_calls, seconds_of
+from harness import Served, figures, in_turn, python
 
 import pepper_kin as pk
 from pepper_kin.batch.states import kernel_for
@@ -35,43 +24,8 @@ from pepper_kin.model.plain_urdf import plain_urdf
 FRAME = "LArm_effector"
 
 
-@dataclass(frozen=True)
-class Settings:
-    states: int
-    peer_states: int
-    repeats: int
-    calls: int
-
-
-FULL = Settings(states=100_000, peer_states=10_000, repeats=15, calls=2000)
-QUICK = Settings(states=20_000, peer_states=1_000, repeats=3, calls=200)
-
-
-def seconds(function: Callable[[], object], clock: Callable[[], float]) -> float:
-    begin = clock()
-    function()
-    return clock() - begin
-
-
-def median_times(
-    repeats: int, *functions: Callable[[], object], clock: Callable[[], float] = time.process_time
-) -> list[list[float]]:
-    """Times of each function [s], taken in turn."""
-    for function in functions:
-        function()
-    rounds = [[seconds(function, clock) for function in functions] for _ in range(repeats)]
-    return [list(column) for column in zip(*rounds, strict=True)]
-
-
-def table(title: str, rows: list[tuple[str, ...]], heads: tuple[str, ...]) -> None:
-    print(f"\n{title}\n\n| {' | '.join(heads)} |\n|{'---|' * len(heads)}")
-    for row in rows:
-        print(f"| {' | '.join(row)} |")
-    sys.stdout.flush()
-
-
-def verdict(ok: bool) -> str:
-    return "yes" if ok else "**no**"
+def verdict(*ok: bool) -> str:
+    return ", ".join("yes" if one else "**no**" for one in ok)
 
 
 class Loops:
@@ -93,21 +47,22 @@ class Loops:
     def _both(self, matrices):
         return self.map.T @ matrices @ self.map if self.pepper.is_coupled else matrices
 
+    def each(self, function, shape, *states):
+        """Return what a function makes of each state, shape (N, *shape)."""
+        model, data, out = self.model, self.data, np.empty((len(states[0]), *shape))
+        for i, row in enumerate(zip(*states, strict=True)):
+            out[i] = function(model, data, *row)
+        return out
+
     def inverse_dynamics(self, q, v, a):
-        model, data, rnea = self.model, self.data, pin.rnea
-        out = np.empty((len(q), model.nv))
-        for i, (x, y, z) in enumerate(zip(*self._full(q, v, a), strict=True)):
-            out[i] = rnea(model, data, x, y, z)
+        out = self.each(pin.rnea, (self.model.nv,), *self._full(q, v, a))
         return out @ self.map if self.pepper.is_coupled else out
 
     def forward_dynamics(self, q, v, tau):
-        model, data, aba = self.model, self.data, pin.aba
-        out = np.empty(q.shape)
         if not self.pepper.is_coupled:
-            for i, (x, y, z) in enumerate(zip(q, v, tau, strict=True)):
-                out[i] = aba(model, data, x, y, z)
-            return out
+            return self.each(pin.aba, q.shape[1:], q, v, tau)
         # Pinocchio's ABA knows no mimic joints: its mass matrix and bias are reduced and solved.
+        model, data, out = self.model, self.data, np.empty(q.shape)
         for i, (x, y) in enumerate(zip(*self._full(q, v), strict=True)):
             upper = np.triu(pin.crba(model, data, x))
             mass = self.map.T @ (upper + np.triu(upper, 1).T) @ self.map
@@ -115,19 +70,16 @@ class Loops:
         return out
 
     def mass_matrix(self, q):
-        model, data, crba = self.model, self.data, pin.crba
-        out = np.empty((len(q), model.nv, model.nv))
-        for i, x in enumerate(self._full(q)[0]):
-            out[i] = crba(model, data, x)
+        out = self.each(pin.crba, (self.model.nv, self.model.nv), *self._full(q))
         if not self.pepper.is_coupled:
             return out  # the upper triangle, as Pinocchio leaves it
         upper = np.triu(out)
         return np.triu(self._both(upper + np.swapaxes(np.triu(upper, 1), 1, 2)))
 
     def frame_jacobian(self, q):
+        out, (full,) = np.empty((len(q), 6, self.model.nv)), self._full(q)
         model, data, frame, compute = self.model, self.data, self.frame, pin.computeFrameJacobian
-        out = np.empty((len(q), 6, model.nv))
-        for i, x in enumerate(self._full(q)[0]):
+        for i, x in enumerate(full):
             out[i] = compute(model, data, x, frame, WORLD)
         return out @ self.map if self.pepper.is_coupled else out
 
@@ -187,28 +139,30 @@ def joint_links(pepper: pk.PepperModel) -> list[str]:
     return [children[name] for name in pepper.joint_names]
 
 
-def batch_rows(pepper: pk.PepperModel, settings: Settings) -> list[tuple[str, ...]]:
-    loops, engine = Loops(pepper), Engine(pepper)
-    q, v, a = random_states(pepper, settings.states)
-    few, k = (q[: settings.peer_states], v[: settings.peer_states], a[: settings.peer_states]), pk.kinematics
-    d, links, n = pk.dynamics, joint_links(pepper), pepper.n
+BATCHES = "job | asked {}x | new arrays {:.0f}x | `out=` {:.0f}x | new arrays, a state {:.0f} ns | "
+BATCHES += "`out=`, a state {:.0f} ns | loop, a state {:.0f} ns | ok (new, `out=`)"
+
+
+def batch_rows(pepper: pk.PepperModel, states: int, peer_states: int, repeats: int) -> Iterator[tuple]:
+    loops, engine, d, k = Loops(pepper), Engine(pepper), pk.dynamics, pk.kinematics
+    whole, links = random_states(pepper, states), joint_links(pepper)
     rnea, poses = ("inverse_dynamics",), ("frame_poses", tuple(links))
+    inverse = partial(d.inverse_dynamics, pepper)
     jobs = [
-        ("inverse dynamics, mj_inverse", 50, lambda *x: d.inverse_dynamics(pepper, *x),
-         engine.inverse_dynamics, 3, rnea),
-        ("inverse dynamics", 30, lambda *x: d.inverse_dynamics(pepper, *x), loops.inverse_dynamics, 3, rnea),
-        ("forward dynamics", 60, lambda *x: d.forward_dynamics(pepper, *x), loops.forward_dynamics, 3,
+        ("inverse dynamics, mj_inverse", 50, inverse, engine.inverse_dynamics, 3, rnea),
+        ("inverse dynamics", 30, inverse, loops.inverse_dynamics, 3, rnea),
+        ("forward dynamics", 60, partial(d.forward_dynamics, pepper), loops.forward_dynamics, 3,
          ("forward_dynamics",)),
-        ("mass matrix", 25, lambda *x: d.mass_matrix(pepper, *x), loops.mass_matrix, 1, ("mass_matrix",)),
-        ("frame Jacobian", 25, lambda *x: k.frame_jacobian(pepper, *x, FRAME), loops.frame_jacobian, 1,
+        ("mass matrix", 25, partial(d.mass_matrix, pepper), loops.mass_matrix, 1, ("mass_matrix",)),
+        ("frame Jacobian", 25, lambda q: k.frame_jacobian(pepper, q, FRAME), loops.frame_jacobian, 1,
          ("frame_jacobian", FRAME)),
-        (f"poses of all {n} joints", 25, lambda *x: k.frame_poses(pepper, *x, links), loops.poses, 1, poses),
-        ("RNEA derivatives", 20, lambda *x: d.inverse_dynamics_derivatives(pepper, *x), loops.derivatives, 3,
+        (f"poses of all {pepper.n} joints", 25, lambda q: k.frame_poses(pepper, q, links), loops.poses, 1,
+         poses),
+        ("RNEA derivatives", 20, partial(d.inverse_dynamics_derivatives, pepper), loops.derivatives, 3,
          ("inverse_dynamics_derivatives",)),
     ]  # fmt: skip
-    rows = []
     for name, asked, ours, peer, inputs, quantity in jobs:
-        many, some = (q, v, a)[:inputs], few[:inputs]
+        many, some = whole[:inputs], tuple(x[:peer_states] for x in whole[:inputs])
         found, expected = np.asarray(ours(*some)), np.asarray(peer(*some))
         if name == "mass matrix":
             found, expected = np.triu(found), np.triu(expected)
@@ -216,56 +170,45 @@ def batch_rows(pepper: pk.PepperModel, settings: Settings) -> list[tuple[str, ..
         if not error < 1e-9:
             raise SystemExit(f"{name}: results differ by {error:.1e}")
         del found, expected
-        kernel = kernel_for(pepper, settings.states, *quantity)
+        kernel = kernel_for(pepper, states, *quantity)
         out = kernel(*many)
-        times = median_times(
-            settings.repeats,
-            lambda f=ours, x=many: f(*x),
-            lambda f=kernel, x=many, o=out: f(*x, out=o),
-            lambda f=peer, x=some: f(*x),
-        )
-        counts = (settings.states, settings.states, settings.peer_states)
-        new, reused, loop = (
-            [t / count * 1e9 for t in column] for column, count in zip(times, counts, strict=True)
-        )
-        ratio = statistics.median(p / o for p, o in zip(loop, new, strict=True))
-        other = statistics.median(p / o for p, o in zip(loop, reused, strict=True))
-        cells = (f"{statistics.median(column):.0f} ns" for column in (new, reused, loop))
-        rows.append((name, f"{asked}x", f"{ratio:.0f}x", f"{other:.0f}x", *cells,
-                     f"{verdict(ratio >= asked)}, {verdict(other >= asked)}"))  # fmt: skip
-    return rows
+        calls = {
+            "new": partial(ours, *many),
+            "out": partial(kernel, *many, out=out),
+            "loop": partial(peer, *some),
+        }
+        times = in_turn(calls, repeats)
+        new, reused, loop = times["new"] / states, times["out"] / states, times["loop"] / peer_states
+        ratios = [np.median(loop / new), np.median(loop / reused)]
+        each = (1e9 * np.median(spent) for spent in (new, reused, loop))
+        yield BATCHES, name, asked, *ratios, *each, verdict(*(ratio >= asked for ratio in ratios))
 
 
-def kernel_rows(pepper: pk.PepperModel, settings: Settings) -> list[tuple[str, ...]]:
+def kernel_rows(pepper: pk.PepperModel, states: int, repeats: int) -> Iterator[tuple]:
     """Single against double precision, and two threads against one, results in the caller's arrays."""
-    states = random_states(pepper, settings.states)
-    narrow = tuple(x.astype(np.float32) for x in states)
-    links = tuple(joint_links(pepper))
-    rows = []
+    every = random_states(pepper, states)
     for quantity, args, inputs in (
         ("inverse_dynamics", (), 3), ("forward_dynamics", (), 3), ("mass_matrix", (), 1),
-        ("frame_jacobian", (FRAME,), 1), ("frame_poses", (links,), 1),
+        ("frame_jacobian", (FRAME,), 1), ("frame_poses", (tuple(joint_links(pepper)),), 1),
     ):  # fmt: skip
         double = pk.batch.kernel(pepper, quantity, *args, wide=True)
         single = pk.batch.kernel(pepper, quantity, *args, dtype="float32", wide=True)
-        wide, short = states[:inputs], narrow[:inputs]
-        out, out32 = double(*wide), single(*short)
-        one, two, half = median_times(
-            settings.repeats,
-            lambda f=double, x=wide, o=out: f(*x, out=o),
-            lambda f=double, x=wide, o=out: f(*x, out=o, threads=2),
-            lambda f=single, x=short, o=out32: f(*x, out=o),
-            clock=time.perf_counter,
-        )
-        precision = statistics.median(x / y for x, y in zip(one, half, strict=True))
-        threads = statistics.median(x / y for x, y in zip(one, two, strict=True))
-        nanoseconds = statistics.median(one) / settings.states * 1e9
-        flops = double.flop_count / nanoseconds
-        name = quantity.replace("_", " ")
-        rows.append((name, f"{nanoseconds:.0f} ns", f"{double.flop_count}", f"{flops:.1f}",
-                     f"{precision:.2f}x", verdict(precision >= 1.8),
-                     f"{threads:.2f}x", verdict(threads >= 1.7)))  # fmt: skip
-    return rows
+        wide, short = every[:inputs], tuple(x.astype(np.float32) for x in every[:inputs])
+        out = double(*wide)
+        calls = {
+            "one": partial(double, *wide, out=out),
+            "two": partial(double, *wide, out=out, threads=2),
+            "half": partial(single, *short, out=single(*short)),
+        }
+        times = in_turn(calls, repeats, time.perf_counter)
+        precision, threads = (np.median(times["one"] / times[which]) for which in ("half", "two"))
+        each = np.median(times["one"]) / states * 1e9
+        yield (
+            "kernel | a state {:.0f} ns | operations | Gflop/s {:.1f} | float32, asked 1.8x {:.2f}x | ok | "
+            "two threads, asked 1.7x {:.2f}x | ok",
+            quantity.replace("_", " "), each, double.flop_count, double.flop_count / each, precision,
+            precision >= 1.8, threads, threads >= 1.7,
+        )  # fmt: skip
 
 
 ASKED = {
@@ -309,78 +252,63 @@ def one_state(pepper: pk.PepperModel) -> list[np.ndarray]:
     return [x[0].copy() for x in random_states(pepper, 1)]
 
 
-class OtherPinocchio:
-    """Another version of Pinocchio in a process of its own."""
-
-    def __init__(self, interpreter: str, pepper: pk.PepperModel, *state: np.ndarray) -> None:
-        server = Path(__file__).with_name("dynamics_pinocchio_server.py")
-        with tempfile.TemporaryDirectory() as folder:
-            urdf = Path(folder) / "robot.urdf"
-            urdf.write_text(plain_urdf(pepper.document))
-            command = [interpreter, str(server), str(urdf), FRAME]
-            self.process = subprocess.Popen(command, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
-            self.version = self.ask([x.tolist() for x in state])
-
-    def ask(self, question: object) -> Any:
-        assert self.process.stdin is not None
-        assert self.process.stdout is not None
-        print(json.dumps(question), file=self.process.stdin, flush=True)
-        return json.loads(self.process.stdout.readline())
-
-    def close(self) -> None:
-        assert self.process.stdin is not None
-        self.process.stdin.close()
-        self.process.wait()
+def other_pinocchio(interpreter: str, pepper: pk.PepperModel, *state: np.ndarray) -> Served:
+    """Return another version of Pinocchio in a process of its own."""
+    server = Path(__file__).with_name("dynamics_pinocchio_server.py")
+    with tempfile.TemporaryDirectory() as folder:
+        urdf = Path(folder) / "robot.urdf"
+        urdf.write_text(plain_urdf(pepper.document))
+        process = Served(interpreter, server, urdf, FRAME)
+        process.version = process.ask([x.tolist() for x in state])
+    return process
 
 
-def single_table(pepper: pk.PepperModel, settings: Settings, other: OtherPinocchio | None) -> None:
+def single_rows(pepper: pk.PepperModel, calls: int, repeats: int, other: Served | None) -> Iterator[tuple]:
     """Processor time of one state, in turn with Pinocchio's of this process and of another one."""
     state = one_state(pepper)
     own, peer = own_calls(pepper, *state), pinocchio_calls(pepper.inner_model, FRAME, *state)
-    count, rows = settings.calls // 10, []
+    versions = [pin.__version__, *([other.version] if other else [])]
+    heads = " | ".join(f"Pinocchio {version} {{:.1f}} µs" for version in versions)
     for name, call in own.items():
-        runs = [lambda f=call: seconds_of(f, count), lambda f=peer[name]: seconds_of(f, count)]
+        runs = [partial(seconds_of, call, calls), partial(seconds_of, peer[name], calls)]
         if other:
-            runs.append(lambda name=name: other.ask([name, count]))
-        times = [[run() for run in runs] for _ in range(max(settings.repeats, 10) + 1)][1:]
-        ours, *theirs = (1e6 / count * statistics.median(column) for column in zip(*times, strict=True))
-        extra = 1e6 / count * statistics.median(row[0] - row[1] for row in times)
-        limit = 2.0 if "derivatives" in name else 1.0
+            runs.append(partial(other.ask, [name, calls]))
+        times = np.array([[run() for run in runs] for _ in range(repeats + 1)][1:]) * 1e6 / calls
+        ours, *theirs = np.median(times, axis=0)
+        limit, extra = 2.0 if "derivatives" in name else 1.0, np.median(times[:, 0] - times[:, 1])
+        wanted, ok = f"{limit:.0f} µs beyond", extra <= limit
         if name in ASKED:
             wanted, ok = f"{ASKED[name]:.0f} µs", ours <= ASKED[name]
-        else:
-            wanted, ok = f"{limit:.0f} µs beyond", extra <= limit
-        cells = (f"{time:.1f} µs" for time in (ours, *theirs))
-        rows.append((name, wanted, *cells, f"{min(theirs) / ours:.1f}x", verdict(ok)))
-    peers = [f"Pinocchio {version}" for version in (pin.__version__, *([other.version] if other else []))]
-    title = f"One state from Python, {pepper.n} joints (processor time, in turn):"
-    table(title, rows, ("quantity", "asked", "ours", *peers, "times faster", "ok"))
+        yield (
+            f"quantity | asked | ours {{:.1f}} µs | {heads} | times faster {{:.1f}}x | ok",
+            name,
+            wanted,
+            ours,
+            *theirs,
+            min(theirs) / ours,
+            ok,
+        )
 
 
 ASKED_OF_BATCHES = {"forward dynamics": 40, "inverse dynamics": 50, "inverse dynamics derivatives": 20}
 
 
-def newest_table(pepper: pk.PepperModel, settings: Settings, other: OtherPinocchio) -> None:
+def newest_rows(pepper, states, peer_states, repeats, other) -> Iterator:
     """Batches beside loops over the other Pinocchio, in turn."""
-    states, d, rows = random_states(pepper, settings.states), pk.dynamics, []
+    whole = random_states(pepper, states)
     for name, asked in ASKED_OF_BATCHES.items():
         quantity = name.replace(" ", "_")
-        public, kernel = getattr(d, quantity), kernel_for(pepper, settings.states, quantity)
-        out = kernel(*states)
-        runs = [
-            (settings.states, lambda f=public: seconds_of(lambda: f(pepper, *states), 1)),
-            (settings.states, lambda f=kernel, o=out: seconds_of(lambda: f(*states, out=o), 1)),
-            (settings.peer_states, lambda name=name: other.ask([name, settings.peer_states, "loop"])),
-        ]
-        times = [[run() / count for count, run in runs] for _ in range(settings.repeats + 1)][1:]
-        new, reused, loop = (statistics.median(column) for column in zip(*times, strict=True))
-        cells = (f"{1e9 * time:.0f} ns" for time in (new, reused, loop))
-        rows.append((name, f"{asked}x", f"{loop / new:.0f}x", f"{loop / reused:.0f}x", *cells,
-                     f"{verdict(loop / new >= asked)}, {verdict(loop / reused >= asked)}"))  # fmt: skip
-    title = f"Batches, times faster than a loop over Pinocchio {other.version} (processor time, in turn):"
-    table(title, rows,
-          ("job", "asked", "new arrays", "`out=`", "new arrays, a state", "`out=`, a state", "loop, a state",
-           "ok (new, `out=`)"))  # fmt: skip
+        public, kernel = getattr(pk.dynamics, quantity), kernel_for(pepper, states, quantity)
+        out = kernel(*whole)
+        ours = partial(public, pepper, *whole), partial(kernel, *whole, out=out)
+        times = [
+            [seconds_of(call, 1) / states for call in ours]
+            + [other.ask([name, peer_states, "loop"]) / peer_states]
+            for _ in range(repeats + 1)
+        ][1:]
+        new, reused, loop = np.median(times, axis=0)
+        ok = verdict(loop / new >= asked, loop / reused >= asked)
+        yield BATCHES, name, asked, loop / new, loop / reused, 1e9 * new, 1e9 * reused, 1e9 * loop, ok
 
 
 ALL_KERNELS = """
@@ -396,68 +324,55 @@ print(time.perf_counter() - begin)
 """
 
 
-def process_rows(pepper: pk.PepperModel, settings: Settings) -> list[tuple[str, ...]]:
+def process_rows(pepper: pk.PepperModel, repeats: int) -> Iterator[tuple]:
     """What only a new process shows: compiling all kernels, loading them, importing the package."""
-    code, cold, warm = ALL_KERNELS % joint_links(pepper), [], []
-    for _ in range(max(1, settings.repeats // 5)):
+    code, times = ALL_KERNELS % joint_links(pepper), defaultdict(list)
+    for _ in range(max(1, repeats // 5)):
         with tempfile.TemporaryDirectory() as folder:
-            environment = {**os.environ, "PEPPER_KIN_CACHE": folder}
-            for times in (cold, warm):
-                done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True,
-                                      text=True, check=True)  # fmt: skip
-                times.append(float(done.stdout))
-
-    def start(text: str) -> Callable[[], object]:
-        return lambda: subprocess.run([sys.executable, "-c", text], check=True)
-
-    bare, package = median_times(
-        settings.repeats, start("pass"), start("import pepper_kin"), clock=time.perf_counter
-    )
-    extra = statistics.median(p - b for p, b in zip(package, bare, strict=True))
-    slow, fast = statistics.median(cold), statistics.median(warm)
-    return [
-        ("all kernels compiled, cold", "5 s", f"{slow:.1f} s", verdict(slow <= 5)),
-        ("all kernels from cache", "0.3 s", f"{fast:.2f} s", verdict(fast <= 0.3)),
-        ("import pepper_kin, beyond a bare interpreter", "0.15 s", f"{extra:.3f} s", verdict(extra <= 0.15)),
-    ]
+            for name in ("cold", "warm"):
+                times[name].append(float(python(code, PEPPER_KIN_CACHE=folder)))
+    starts = {text: partial(python, text) for text in ("pass", "import pepper_kin")}
+    bare, package = in_turn(starts, repeats, time.perf_counter).values()
+    for name, asked, found in (
+        ("all kernels compiled, cold", 5, np.median(times["cold"])),
+        ("all kernels from cache", 0.3, np.median(times["warm"])),
+        ("import pepper_kin, beyond a bare interpreter", 0.15, np.median(package - bare)),
+    ):
+        yield "job | asked {:g} s | measured {:.2g} s | ok", name, asked, found, found <= asked
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="fewer states and repeats")
-    parser.add_argument("--skip-mimic", action="store_true", help="without the report for mimic hands")
-    parser.add_argument("--pinocchio-python", help="interpreter of an environment with another Pinocchio")
-    options = parser.parse_args()
-    settings = QUICK if options.quick else FULL
-    pepper, target = pk.load_pepper(), pk.kernels.host_target()
-    print(
+@figures("benchmarks/dynamics.md", "MuJoCo; the interpreter of another Pinocchio", states=20_000, repeats=3)
+def dynamics(states: int = 100_000, repeats: int = 15, pinocchio_python: str = "") -> Iterator[tuple | str]:
+    """Speed of dynamics and kinematics: batches against loops over Pinocchio and MuJoCo, and the rest of it.
+
+    Peers run in the same process, or in one of their own with `--pinocchio-python`, the interpreter of an
+    environment with another Pinocchio, interleaved; ratios are medians over repeats, of processor time where
+    one thread computes.  Before it is timed, each batch is compared with its peer's results; loops take a
+    tenth of the states.
+    """
+    pepper, target, few = pk.load_pepper(), pk.kernels.host_target(), states // 10
+    yield (
         f"{target.cpu}, vectors of {target.vector_bytes} bytes, {os.cpu_count()} cores, "
         f"Python {platform.python_version()}, pin {pin.__version__}, MuJoCo {mujoco.__version__}; "
-        f"{settings.states} states (loops: {settings.peer_states}), "
-        f"medians of {settings.repeats} interleaved repeats."
+        f"{states} states (loops: {few}), medians of {repeats} interleaved repeats."
     )
-    interpreter = options.pinocchio_python
-    other = OtherPinocchio(interpreter, pepper, *one_state(pepper)) if interpreter else None
-    heads = ("job", "asked", "new arrays", "`out=`", "new arrays, a state", "`out=`, a state",
-             "loop, a state", "ok (new, `out=`)")  # fmt: skip
+    other = other_pinocchio(pinocchio_python, pepper, *one_state(pepper)) if pinocchio_python else None
     title = (
         "Times faster than the loop; one thread, float64, NumPy arrays in and out, {}-joint {}. "
         "New arrays: the public function; `out=`: its kernel, writing to an array that is there already:"
     )
-    table(title.format(pepper.n, "load_pepper()"), batch_rows(pepper, settings), heads)
-    table("Kernels, float64, one thread, and what single precision and a second thread bring:",
-          kernel_rows(pepper, settings),
-          ("kernel", "a state", "operations", "Gflop/s", "float32, asked 1.8x", "ok",
-           "two threads, asked 1.7x", "ok"))  # fmt: skip
-    single_table(pepper, settings, other)
+    yield title.format(pepper.n, "load_pepper()")
+    yield from batch_rows(pepper, states, few, repeats)
+    yield "Kernels, float64, one thread, and what single precision and a second thread bring:"
+    yield from kernel_rows(pepper, states, repeats)
+    yield f"One state from Python, {pepper.n} joints (processor time, in turn):"
+    yield from single_rows(pepper, 20 if repeats < 10 else 200, max(repeats, 10), other)
     if other:
-        newest_table(pepper, settings, other)
+        yield f"Batches, times faster than a loop over Pinocchio {other.version} (processor time, in turn):"
+        yield from newest_rows(pepper, states, few, repeats, other)
         other.close()
-    table("New processes:", process_rows(pepper, settings), ("job", "asked", "measured", "ok"))
-    if not options.skip_mimic:
-        mimic = pk.load_pepper(hands="mimic")
-        table(title.format(mimic.n, 'load_pepper(hands="mimic")'), batch_rows(mimic, settings), heads)
-
-
-if __name__ == "__main__":
-    main()
+    yield "New processes:"
+    yield from process_rows(pepper, repeats)
+    mimic = pk.load_pepper(hands="mimic")
+    yield title.format(mimic.n, 'load_pepper(hands="mimic")')
+    yield from batch_rows(mimic, states, few, repeats)

@@ -1,23 +1,30 @@
-"""Tasks along whole paths: a circle with gaze, and random ones: `python benchmarks/following.py [N]`.
+"""Tasks along whole paths, and the joints that they leave alone."""
 
-Times are processor time.  N random motions (1,000 if not given) of a hand along lines, arcs and splines, with
-corners or blends, with gaze or without, at a set speed or as fast as can be.  What is found is compared with
-the path by `frame_pose` and certified by `Trajectory.check`; where none is, a long search looks for one: the
-robot from 20 other weights of its joints and, where a place is said to be out of reach, 200 starts there.
-Peers: the loop of Pink, where it is installed, and one IK solution a stop with a spline through them.
-"""
+from __future__ import annotations
 
-import sys
 import time
 from collections import Counter
+from collections.abc import Iterator
 
 import numpy as np
+from harness import Times, figures, in_turn
 from scipy.interpolate import CubicSpline
 from scipy.spatial import cKDTree
 
 import pepper_kin as pk
-from pepper_kin.ik import HandPosition, LookAt
-from pepper_kin.motion import CIRC, LIN, SPLINE, Arc, FollowStatus, Route, follow
+from pepper_kin.ik import AxisAlignment, HandPosition, LookAt
+from pepper_kin.motion import (
+    CIRC,
+    LIN,
+    SPLINE,
+    Arc,
+    FollowStatus,
+    Line,
+    Route,
+    cartesian_path,
+    follow,
+    sequence,
+)
 
 RADIUS, SPEED = 0.1, 0.2
 FRAMES = {"left": "LArm_effector", "right": "RArm_effector"}
@@ -41,17 +48,11 @@ def circle_of(pepper):
 
 
 def processor_time(function, times=15):
-    function()
-    spent = []
-    for _ in range(times):
-        begin = time.thread_time()
-        function()
-        spent.append(time.thread_time() - begin)
-    return np.median(spent)
+    return np.median(in_turn({"": function}, times, time.thread_time)[""])
 
 
 def circle(pepper):
-    """Print error, ripple, accelerations and time of the circle, for one, two and three tasks."""
+    """Yield error, ripple, accelerations and time of the circle, for one, two and three tasks."""
     q, route = circle_of(pepper)
     center = hand_of(pepper, q) - [0.0, RADIUS, 0.0]
     other = hand_of(pepper, q, "right")
@@ -74,13 +75,14 @@ def circle(pepper):
         cruise = found.trajectory(times[(times > 0.4) & (times < times[-1] - 0.4)])
         ripple = np.abs(hand_speed(pepper, cruise) / SPEED - 1).max()
         use = np.abs(cruise.acceleration / pepper.acceleration_limits).max()
-        print(
-            f"{name:20} {1000 * off.max():.3f} mm, ripple {100 * ripple:.2f} %, {use:.2f} of the "
-            f"accelerations, {len(found.curve.breaks)} nodes, lap closes to "
-            f"{np.abs(found.trajectory.end - q).max():.0e} rad, {1000 * spent:.1f} ms"
-        )
-    print(f"from stop to stop    {stop_by_stop(pepper, q, kinds['hand and gaze'], route)}")
-    print(f"Pink's loop          {pink_loop(pepper, q, route, center)}")
+        yield (
+            "tasks | off [mm] {:.3f} | ripple {:.2f} % | of the accelerations {:.2f} | nodes | lap closes "
+            "to [rad] {:.0e} | time [ms] {:.1f}",
+            name, 1e3 * off.max(), 100 * ripple, use, len(found.curve.breaks),
+            np.abs(found.trajectory.end - q).max(), 1e3 * spent,
+        )  # fmt: skip
+    yield f"from stop to stop: {stop_by_stop(pepper, q, kinds['hand and gaze'], route)}"
+    yield f"Pink's loop: {pink_loop(pepper, q, route, center)}"
 
 
 def stop_by_stop(pepper, q, tasks, route, count=46):
@@ -164,10 +166,8 @@ def random_motion(pepper, rng):
 def is_followed(pepper, found, route, side):
     """Whether a motion is certified, and leads the hand along the whole route and nowhere else."""
     times = np.linspace(0.0, found.trajectory.duration, 3000)
-    hands, points = (
-        hand_of(pepper, found.trajectory(times).position, side),
-        route(np.linspace(0, route.length, 6000)),
-    )
+    hands = hand_of(pepper, found.trajectory(times).position, side)
+    points = route(np.linspace(0, route.length, 6000))
     near = cKDTree(points).query(hands)[0].max() < 1.2e-3 and cKDTree(hands).query(points)[0].max() < 8e-3
     return near and found.trajectory.check(pepper, pk.Scene(), balance=None).success and found.slowest > 0.995
 
@@ -202,27 +202,163 @@ def is_confirmed(pepper, found, q, route, tasks, speed, rng):
     return True
 
 
-def random_motions(pepper, count, seed=0):
-    """Print how random motions end, and which refusals a long search does not confirm."""
-    ends, spent, wrong, open_ends = Counter(), [], 0, Counter()
+@figures("following.md", "Pink", count=10)
+def following(count: int = 1000, seed: int = 0) -> Iterator[tuple | str]:
+    """Tasks along whole paths: a circle with gaze, and random ones.
+
+    Times are processor time.  `count` random motions of a hand along lines, arcs and splines, with corners or
+    blends, with gaze or without, at a set speed or as fast as can be.  What is found is compared with the
+    path by `frame_pose` and certified by `Trajectory.check`; where none is, a long search looks for one: the
+    robot from 20 other weights of its joints and, where a place is said to be out of reach, 200 starts there.
+    Peers: the loop of Pink, where it is installed, and one IK solution a stop with a spline through them.
+    """
+    pepper = pk.load_pepper().with_requirements("limits")
+    yield from circle(pepper)
+    ends, times, wrong, open_ends = Counter(), Times(time.thread_time), 0, Counter()
     for k in range(count):
         rng = np.random.default_rng([seed, k])
         q, side, route, tasks, speed = random_motion(pepper, rng)
-        begin = time.thread_time()
-        found = follow(pepper, q, tasks, route, speed=speed)
-        spent.append(time.thread_time() - begin)
+        found = times("follow", follow, pepper, q, tasks, route, speed=speed)
         ends[found.status.value + (", a task relaxed" if found.relaxed else "")] += 1
         if found.success:
             wrong += not is_followed(pepper, found, route, side)
         elif not is_confirmed(pepper, found, q, route, tasks, speed, rng):
             open_ends[found.status.value] += 1
-    print(f"{count} random motions: {dict(ends.most_common())}")
-    print(f"found and not certified: {wrong}; refused, and a long search finds one: {dict(open_ends)}")
-    p50, p90, p99 = 1000 * np.percentile(spent, (50, 90, 99))
-    print(f"time p50 {p50:.0f}, p90 {p90:.0f}, p99 {p99:.0f} ms")
+    yield f"{count} random motions: {dict(ends.most_common())}"
+    yield f"found and not certified: {wrong}; refused, and a long search finds one: {dict(open_ends)}"
+    yield "time p50 {:.0f}, p90 {:.0f}, p99 {:.0f} ms".format(*times.at("follow", 50, 90, 99))
 
 
-if __name__ == "__main__":
-    PEPPER = pk.load_pepper().with_requirements("limits")
-    circle(PEPPER)
-    random_motions(PEPPER, int(sys.argv[1]) if len(sys.argv) > 1 else 1000)
+CUP_SPEED, STEP, MOST = 0.1, 0.02, 0.1
+
+
+class Case:
+    """A hand's line: its start, tasks along it, and the joints that nothing asks of."""
+
+    def __init__(self, pepper, posture, rng=None):
+        self.pepper, self.side = pepper, "left" if rng is None or rng.random() < 0.5 else "right"
+        sign, self.gaze = (1, -1)[self.side == "right"], rng is not None and rng.random() < 0.5
+        self.level = rng is None or rng.random() < 0.5
+        while True:
+            begin, way = np.array((0.30, 0.30 * sign, 0.85)), np.array((0.0, -0.30, 0.0))
+            if rng is not None:
+                begin = rng.uniform((0.2, 0.05, 0.65), (0.4, 0.35, 1.1)) * (1, sign, 1)
+                way = rng.normal(size=3)
+                way *= rng.uniform(0.1, 0.3) / np.linalg.norm(way)
+            self.begin, self.end = begin, begin + way
+            self.route = Route.of(begin, Line(self.end))
+            ends = [
+                pk.ik.solve(pepper, self.at(end), start=posture, balance="robot") for end in (begin, self.end)
+            ]
+            if all(found.success for found in ends):
+                self.start = ends[0].q
+                break
+        idle = [*pepper.joint_group("right_arm" if self.side == "left" else "left_arm")]
+        self.idle = [
+            pepper.joint_index(name) for name in (idle if self.gaze else [*idle, *pepper.joint_group("head")])
+        ]
+
+    def at(self, point):
+        """Return the tasks with the hand at a point, or at several, shape (K, 3)."""
+        level = [AxisAlignment(FRAMES[self.side], (0, 0, 1), axis=(0, 0, 1), tolerance=np.radians(3))]
+        return [HandPosition(self.side, point), *(level * self.level), *([LookAt(point)] * self.gaze)]
+
+
+def states_of(motion):
+    return motion(np.arange(0.0, motion.duration, STEP)).position
+
+
+def by_follow(case):
+    found = follow(case.pepper, case.start, lambda s: case.at(case.route(s)), case.route, speed=CUP_SPEED)
+    return (states_of(found.trajectory), found.message) if found.success else None
+
+
+def by_sequence(case):
+    found = sequence(
+        case.pepper, case.start, case.side, [LIN(case.end)], speed=CUP_SPEED, tasks=lambda p: case.at(p)[1:]
+    )
+    return (states_of(found.trajectory), found.message) if found.success else None
+
+
+def by_cartesian_path(case):
+    found = cartesian_path(case.pepper, case.start, case.side, LIN(case.end))
+    if not found.success:
+        return None
+    places = np.arange(0.0, found.distances[-1], CUP_SPEED * STEP)
+    states = np.stack([np.interp(places, found.distances, column) for column in found.path.T], axis=1)
+    return states, found.message
+
+
+def by_ik(case):
+    states, message = [case.start], ""
+    for s in np.arange(0.0, case.route.length, CUP_SPEED * STEP):
+        found = pk.ik.solve(case.pepper, case.at(case.route(s)), start=states[-1], balance="robot")
+        if not found.success:
+            return None
+        states.append(found.q)
+        message += "out of the way" * bool(found.certificate.aside)
+    return np.array(states), message
+
+
+def by_servo(case):
+    servo = pk.servo.Servo(case.pepper, case.start, rate=1.0 / STEP, balance=0.01)
+    states = [case.start]
+    for s in np.arange(0.0, case.route.length + 10 * STEP * CUP_SPEED, CUP_SPEED * STEP):
+        servo.set_target(case.at(case.route(min(s, case.route.length))))
+        states.append(servo.step().q)
+    return np.array(states), ""
+
+
+def by_live_motion(case):
+    goal = pk.ik.solve(case.pepper, case.at(case.end), start=case.start, balance="robot").q
+    live, now, states = pk.motion.LiveMotion(case.pepper, case.start), 0.0, []
+    live.set_goal(goal)
+    while len(states) < 1000:
+        state = live.step(now)
+        states.append(state.at(now).position)
+        now += STEP
+        if state.status is pk.motion.LiveStatus.REACHED and len(states) > 2:
+            return np.array(states), ""
+    return None
+
+
+def by_plan(case):
+    found = pk.plan(case.pepper, case.start, case.at(case.end), seed=0)
+    return (states_of(pk.retime(case.pepper, found)), found.message) if found.success else None
+
+
+WAYS = {
+    "follow": by_follow, "sequence": by_sequence, "cartesian_path": by_cartesian_path,
+    "ik.solve in turn": by_ik, "Servo": by_servo, "LiveMotion": by_live_motion, "plan": by_plan,
+}  # fmt: skip
+
+
+def measured(case, found):
+    """Return the greatest way [rad] and speed [rad/s] of idle joints, and whether the message names one."""
+    states, message = found
+    own = states[:, case.idle]
+    way = np.ptp(own, axis=0).max()
+    return way, np.abs(np.diff(own, axis=0)).max() / STEP, "out of the way" in message
+
+
+@figures("following.md", lines=2)
+def idle_limbs(lines: int = 100, posture: str = "Ready") -> Iterator[tuple]:
+    """Joints that no task moves while a hand follows lines.
+
+    A level cup goes 30 cm to the side at 0.1 m/s, then so many hands along random lines of 10 to 30 cm, half
+    of them level and half with gaze, from postures of IK near the posture.  Of each way to follow: the
+    greatest way of a joint of the other arm, or of the head where it does not look, and its speed over 20 ms;
+    and how many lines move one by more than 0.1 rad, and say so.
+    """
+    pepper, rng = pk.load_pepper(), np.random.default_rng(0)
+    start = pepper.posture(posture)
+    cases = [Case(pepper, start), *(Case(pepper, start, rng) for _ in range(lines))]
+    for way, run in WAYS.items():
+        found = [None if (done := run(case)) is None else measured(case, done) for case in cases]
+        cup, own = found[0] or (np.nan, np.nan), [one for one in found[1:] if one is not None]
+        far = [one for one in own if one[0] > MOST]
+        most = np.max([one[:2] for one in own], axis=0)
+        head = "way | cup: way [rad] {:.3f} | speed [rad/s] {:.2f} | arrived | over 0.1 rad | said | "
+        head += "of all: way {:.3f} | speed {:.2f}"
+        said = sum(one[2] for one in far)
+        yield head, way, *cup[:2], len(own), len(far), said, *most

@@ -1,20 +1,16 @@
-"""How times grow: with obstacles, with joints, with the rows of a batch.  Prints Markdown, draws curves.
-
-    python benchmarks/growth.py [--picture docs/pictures/growth.png] [--most 1000000]
-
-Each time is the least processor time of several runs, one thread.  The exponent is the slope of a straight
-line through the upper half of a curve in logarithms: 0 is a time that does not grow, 1 one that doubles with
-the number.
-"""
+"""How times grow: with obstacles, with joints, with the rows of a batch; with obstacles that move."""
 
 from __future__ import annotations
 
-import argparse
+import json
+import resource
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
+from harness import Times, figures, python
+from harness import pairs as pairs_of
 
 import pepper_kin as pk
 
@@ -54,10 +50,8 @@ def boxes(count: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
 def obstacle_jobs(count: int) -> Jobs:
     """Return jobs of Pepper among so many boxes."""
     pepper, things = pk.load_pepper().with_requirements("limits"), boxes(count)
-    stand, low, high = (
-        pepper.posture("Stand"),
-        *np.clip((pepper.lower_limits, pepper.upper_limits), -0.5, 0.5),
-    )
+    stand, limits = pepper.posture("Stand"), (pepper.lower_limits, pepper.upper_limits)
+    low, high = np.clip(limits, -0.5, 0.5)
     low[:3], high[:3] = 0.1 * low[:3], 0.1 * high[:3]
     many = np.random.default_rng(0).uniform(low, high, (2000, pepper.n))
     tasks = [
@@ -66,7 +60,7 @@ def obstacle_jobs(count: int) -> Jobs:
     ]
     scene = _scene(things)
     free = many[~pk.collision.in_collision(pepper, many, scene)]
-    pairs = list(zip(free[:20:2], free[1:20:2], strict=True))
+    pairs = pairs_of(free[:20])
     return {
         "check of one posture": (lambda: pk.collision.in_collision(pepper, stand, scene), 1),
         "check, of 2,000": (lambda: pk.collision.in_collision(pepper, many, scene), len(many)),
@@ -113,7 +107,7 @@ def joint_jobs(count: int) -> Jobs:
     robot, rng, tip = chain(count), np.random.default_rng(count), f"link{count}"
     q, v, a = rng.uniform(-3.0 / count, 3.0 / count, (100, count)), *rng.normal(size=(2, 100, count))
     free = q[~pk.collision.in_collision(robot, q)]
-    pairs, rows = list(zip(free[:20:2], free[1:20:2], strict=True)), list(zip(q, v, a, strict=True))
+    pairs, rows = pairs_of(free[:20]), list(zip(q, v, a, strict=True))
     bent = rng.uniform(-0.5, 0.5, (100, count))
     tasks = [pk.ik.FramePosition(tip, pose[:3, 3]) for pose in pk.kinematics.frame_pose(robot, bent, tip)]
     of = pk.dynamics
@@ -164,14 +158,12 @@ def exponent(curve: dict[int, float]) -> float:
     return float(np.polyfit(number[upper], value[upper], 1)[0])
 
 
-def table(words: str, curves: Curves) -> None:
-    """Print a table of curves."""
+def rows_of(words: str, curves: Curves) -> Iterator[tuple]:
+    """Yield a table of curves."""
     numbers = sorted({number for curve in curves.values() for number in curve})
-    print(f"\n| {words} | {' | '.join(f'{number:,}' for number in numbers)} | exponent |")
-    print("|---" * (len(numbers) + 2) + "|")
+    head = f"{words} | {' | '.join(f'{number:,} {{:.3g}}' for number in numbers)} | exponent {{:.2f}}"
     for name, curve in curves.items():
-        cells = [f"{curve[number]:.3g}" if number in curve else "-" for number in numbers]
-        print(f"| {name} | {' | '.join(cells)} | {exponent(curve):.2f} |")
+        yield head, name, *(curve.get(number, "-") for number in numbers), exponent(curve)
 
 
 def draw(path: Path, pictures: dict[str, Curves]) -> None:
@@ -190,22 +182,79 @@ def draw(path: Path, pictures: dict[str, Curves]) -> None:
     figure.savefig(path, dpi=90)
 
 
-def main() -> None:
-    """Print the tables and draw the picture."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--picture", type=Path)
-    parser.add_argument("--most", type=int, default=ROWS[-1], help="most rows of a batch")
-    options = parser.parse_args()
-    pictures = {
-        "boxes": curves_of(obstacle_jobs, OBSTACLES),
-        "joints": curves_of(joint_jobs, JOINTS),
-        "rows, time of one": curves_of(row_jobs, [rows for rows in ROWS if rows <= options.most]),
-    }
-    for words, curves in pictures.items():
-        table(words, curves)
-    if options.picture:
-        draw(options.picture, pictures)
+@figures("benchmarks/growth.md", most=30)
+def growth(picture: Path | None = None, most: int = ROWS[-1]) -> Iterator[tuple]:
+    """How times grow: with obstacles, with joints, with the rows of a batch, up to a number; draws curves.
+
+    Each time is the least processor time of several runs, one thread.  The exponent is the slope of a
+    straight line through the upper half of a curve in logarithms: 0 is a time that does not grow, 1 one that
+    doubles with the number.
+    """
+    pictures = {}
+    for words, jobs, numbers in (
+        ("boxes", obstacle_jobs, OBSTACLES), ("joints", joint_jobs, JOINTS),
+        ("rows, time of one", row_jobs, ROWS),
+    ):  # fmt: skip
+        pictures[words] = curves_of(jobs, [number for number in numbers if number <= most])
+        yield from rows_of(words, pictures[words])
+    if picture:
+        draw(picture, pictures)
 
 
-if __name__ == "__main__":
-    main()
+COUNTS = (30, 60, 120, 240)
+CYCLES, PERIOD = 20, 0.02
+REPEATS = 3
+
+
+def scene_of(count):
+    """Return a scene of so many obstacles that move."""
+    rng, scene = np.random.default_rng(count), pk.Scene()
+    for k in range(count):
+        angle, away, height = rng.uniform((-np.pi, 1.0, 0.1), (np.pi, 3.0, 1.8))
+        place, size = (away * np.cos(angle), away * np.sin(angle), height), rng.uniform(0.04, 0.12, 3)
+        motion = {"velocity": rng.uniform(-0.17, 0.17, 3), "uncertainty": 0.05}
+        if k % 2:
+            scene = scene.add_box(f"mover {k}", size, place, **motion)
+        else:
+            scene = scene.add_sphere(f"mover {k}", size[0] / 2, place, **motion)
+    return scene
+
+
+def measured(count: int) -> None:
+    """Print memory that was taken [MB] and times of a check and a live cycle [ms]."""
+    pepper, scene = pk.load_pepper(), scene_of(count)
+    stand, goal = pepper.posture("Stand"), pepper.joint_vector({"LShoulderPitch": 0.3, "HeadYaw": 0.4})
+    motion = pk.retime(pepper, [stand, goal])
+    motion.check(pepper)
+    alone, times = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, Times(time.thread_time)
+    for _ in range(REPEATS):
+        found = times("check", motion.check, pepper, scene)
+    live = pk.motion.LiveMotion(pepper, stand, scene)
+    live.set_goal(goal)
+    for k in range(CYCLES):
+        moved = {item.name: item.poses(np.array([k * PERIOD]))[0] for item in scene.movers}
+        seen = scene.moved(moved)
+        times("cycle", lambda k=k, seen=seen: (live.set_scene(seen, k * PERIOD), live.step(k * PERIOD)))
+    taken = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - alone) / 1e3
+    first, *later = times["check"]
+    cycle, least = np.median(times["cycle"][1:]), found.obstacle_clearance.value
+    print(json.dumps([taken, 1e3 * first, 1e3 * min(later), 1e3 * cycle, least]))
+
+
+@figures("benchmarks/growth.md", most=30)
+def moving_obstacles(most: int = COUNTS[-1]) -> Iterator[tuple]:
+    """How memory and time grow with the number of obstacles that move.
+
+    Each number has a process of its own.  Balls and boxes of 4 to 12 cm are drawn 1 to 3 m around Pepper,
+    each with a velocity of up to 0.3 m/s.  Examined are a motion (`check`), and cycles of live motion along
+    it that see all obstacles at new places; times are of one thread, the least of `check` and the median of
+    cycles.
+    """
+    here = {"OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": str(Path(__file__).parent)}
+    for count in (count for count in COUNTS if count <= most):
+        row = json.loads(python(f"import growth; growth.measured({count})", **here))
+        yield (
+            "obstacles | memory [MB] {:.0f} | first check [ms] {:.0f} | next [ms] {:.1f} | live cycle [ms] "
+            "{:.2f} | least distance [m] {:.4f}",
+            count, *row,
+        )  # fmt: skip

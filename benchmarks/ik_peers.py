@@ -1,64 +1,128 @@
-"""Other libraries on the same targets, each by its own tasks and limits, 100 steps at most from neutral."""
+"""Targets of the comparison of inverse kinematics, the verdict on answers, and other libraries.
+
+Each library has its own tasks and limits, and 100 steps at most from neutral.
+"""
 
 from __future__ import annotations
 
 import json
-import subprocess
+import math
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
-from ik_targets import CAMERA, HIGH, LEFT, LOW, PEPPER, RIGHT, Case, Solver
+from harness import Served
 
+import pepper_kin as pk
 from pepper_kin.ik.solvers.placo import robot_of
+
+PEPPER = pk.load_pepper().with_requirements("limits")
+LOW, HIGH = PEPPER.lower_limits, PEPPER.upper_limits
+LEFT, RIGHT, CAMERA = "LArm_effector", "RArm_effector", "CameraTop_frame"
+Case = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+"""Poses of both hands, the point looked at, and the pose of the camera."""
+
+Solver = Callable[[str, Case], np.ndarray]
+
+CLASSES = {
+    "a": "hand position",
+    "b": "hand position and pointing",
+    "c": "gaze",
+    "d": "both hands and gaze",
+    "e": "hand position clear of self-collision",
+}
+
+
+def cases(count: int, seed: int, clear: bool) -> list[Case]:
+    """Return targets that joint positions drawn evenly within the limits meet."""
+    generator = np.random.default_rng(seed)
+    found: list[Case] = []
+    while len(found) < count:
+        q = generator.uniform(LOW, HIGH)
+        if clear and pk.collision.in_collision(PEPPER, q):
+            continue
+        left, right, camera = (pk.kinematics.frame_pose(PEPPER, q, f) for f in (LEFT, RIGHT, CAMERA))
+        point = camera[:3, 3] + generator.uniform(0.5, 3.0) * camera[:3, 0]
+        found.append((left, right, point, camera))
+    return found
+
+
+def tasks_of(kind: str, case: Case) -> list[pk.ik.Task]:
+    """Return the tasks of a class."""
+    left, right, point, _ = case
+    if kind == "c":
+        return [pk.ik.LookAt(point)]
+    hand = pk.ik.HandPosition("left", left[:3, 3])
+    if kind == "b":
+        return [hand, pk.ik.Point("left", left[:3, 0])]
+    if kind == "d":
+        return [hand, pk.ik.HandPosition("right", right[:3, 3]), pk.ik.LookAt(point)]
+    return [hand]
+
+
+def is_solved(kind: str, case: Case, q: np.ndarray) -> bool:
+    """Whether q is within the limits and less than 1 mm and 0.5 degrees away (and clear, for class e)."""
+    if not (np.isfinite(q).all() and np.all(q >= LOW - 1e-9) and np.all(q <= HIGH + 1e-9)):
+        return False
+    if kind == "e" and pk.collision.in_collision(PEPPER, q):
+        return False
+    return all(
+        task.error(PEPPER, q) <= (1e-3 if task.unit == "m" else math.radians(0.5))
+        for task in tasks_of(kind, case)
+    )
+
 
 FORWARD = np.eye(3)[0]
 STEPS = 100
 CLOSE = 1e-4  # [m] and [rad]
 
 
-def lean_placo() -> Solver:
-    """Return placo used directly."""
+def descent_of_placo(robot, start, hands, aim=None, gaze=None, steps=STEPS) -> np.ndarray:
+    """Return where placo, used directly, leads from a start; hands are points, the aim that of the left."""
     import placo
 
-    robot = robot_of(PEPPER)
-    start = PEPPER.neutral()
+    robot.state.q = np.concatenate([(0, 0, 0, 0, 0, 0, 1), start])
+    robot.model.lowerPositionLimit = np.concatenate([[-1e6] * 7, LOW])
+    robot.model.upperPositionLimit = np.concatenate([[1e6] * 7, HIGH])
+    robot.update_kinematics()
+    solver = placo.KinematicsSolver(robot)
+    solver.mask_fbase(True)
+    solver.enable_joint_limits(True)
+    tasks = [solver.add_position_task(frame, point) for frame, point in hands.items()]
+    if aim is not None:
+        tasks.append(solver.add_axisalign_task(LEFT, FORWARD, aim))
+    if gaze is not None:
+        tasks.append(solver.add_axisalign_task(CAMERA, FORWARD, FORWARD))
+    for number, task in enumerate(tasks):
+        task.configure(f"t{number}", "soft", 1.0)
+    solver.add_regularization_task(1e-4)
+    for _ in range(steps):
+        if gaze is not None:
+            line = gaze - robot.get_T_world_frame(CAMERA)[:3, 3]
+            tasks[-1].targetAxis_world = line / np.linalg.norm(line)
+        try:
+            step = solver.solve(True)
+        except RuntimeError:
+            break
+        robot.update_kinematics()
+        if np.abs(step).max() < 1e-5:
+            break
+    return np.clip(np.array(robot.state.q[7:]), LOW, HIGH)
+
+
+def lean_placo() -> Solver:
+    """Return placo used directly."""
+    robot, start = robot_of(PEPPER), PEPPER.neutral()
 
     def solve(kind: str, case: Case) -> np.ndarray:
         left, right, point, _ = case
-        robot.state.q = np.concatenate([(0, 0, 0, 0, 0, 0, 1), start])
-        robot.model.lowerPositionLimit = np.concatenate([[-1e6] * 7, LOW])
-        robot.model.upperPositionLimit = np.concatenate([[1e6] * 7, HIGH])
-        robot.update_kinematics()
-        solver = placo.KinematicsSolver(robot)
-        solver.mask_fbase(True)
-        solver.enable_joint_limits(True)
-        parts = []
-        if kind in "abde":
-            parts.append((solver.add_position_task(LEFT, left[:3, 3]), 1.0))
-        if kind == "b":
-            parts.append((solver.add_axisalign_task(LEFT, FORWARD, left[:3, 0]), 1.0))
-        if kind == "d":
-            parts.append((solver.add_position_task(RIGHT, right[:3, 3]), 1.0))
-        if kind in "cd":
-            parts.append((solver.add_axisalign_task(CAMERA, FORWARD, FORWARD), 1.0))
-        for number, (task, weight) in enumerate(parts):
-            task.configure(f"t{number}", "soft", weight)
-        solver.add_regularization_task(1e-4)
-        for _ in range(STEPS):
-            if kind in "cd":
-                line = point - robot.get_T_world_frame(CAMERA)[:3, 3]
-                parts[-1][0].targetAxis_world = line / np.linalg.norm(line)
-            try:
-                step = solver.solve(True)
-            except RuntimeError:
-                break
-            robot.update_kinematics()
-            if np.abs(step).max() < 1e-5:
-                break
-        return np.clip(np.array(robot.state.q[7:]), LOW, HIGH)
+        hands = {LEFT: left[:3, 3]} if kind in "abde" else {}
+        hands |= {RIGHT: right[:3, 3]} if kind == "d" else {}
+        aim = left[:3, 0] if kind == "b" else None
+        return descent_of_placo(robot, start, hands, aim, point if kind in "cd" else None)
 
     return solve
 
@@ -98,21 +162,17 @@ def _pink_direction_task(pink: Any) -> type:
     return DirectionTask
 
 
-def lean_pink(qp: str, restarts: int = 0) -> Solver | None:
+def lean_pink(qp: str, restarts: int = 0) -> Solver:
     """Return Pink with joint limits; pointing and gaze are tasks of ours, for Pink has none.
 
     With restarts, a descent that ends elsewhere is followed by one from joint positions drawn evenly.
     """
-    try:
-        import pink
-        import pinocchio
-        import qpsolvers
-    except ImportError as error:
-        print(f"Pink with {qp} is left out: {error}")
-        return None
+    import pink
+    import pinocchio
+    import qpsolvers
+
     if qp not in qpsolvers.available_solvers:
-        print(f"Pink with {qp} is left out: qpsolvers lacks {qp}")
-        return None
+        raise ImportError(f"qpsolvers lacks {qp}")
     model = PEPPER.inner_model
     start = PEPPER.neutral()
     direction_task = _pink_direction_task(pink)
@@ -155,14 +215,11 @@ def lean_pink(qp: str, restarts: int = 0) -> Solver | None:
     return solve
 
 
-def lean_mink(qp: str = "daqp") -> Solver | None:
+def lean_mink(qp: str = "daqp") -> Solver:
     """Return mink on the robot as MJCF, with its own frame, axis and look-at tasks."""
-    try:
-        import mink
-        import mujoco
-    except ImportError as error:
-        print(f"mink is left out: {error}")
-        return None
+    import mink
+    import mujoco
+
     from pepper_kin.model.export_mjcf import mjcf_text
 
     model = mujoco.MjModel.from_xml_string(mjcf_text(PEPPER))
@@ -206,78 +263,34 @@ def lean_mink(qp: str = "daqp") -> Solver | None:
     return solve
 
 
-class Roboplan:
+class Roboplan(Served):
     """RoboPlan's simple IK in a process of its own, asked target by target.
 
-    It takes whole poses only, so it gets those of the joint positions that the target was made from.
-
-    Args:
-        python: Interpreter of the environment that RoboPlan is installed in.
-        restarts: Restarts that it may use.
+    It takes whole poses only, so it gets those of the joint positions that the target was made from; its
+    robot has no collision shapes, for its restarts have to be clear by its own pairs.
     """
 
+    time = 0.0
+    """Of the last call, measured in the other process [s]."""
+
     def __init__(self, python: str, restarts: int) -> None:
-        self._folder = tempfile.TemporaryDirectory()
-        path = Path(self._folder.name) / "pepper.urdf"
-        path.write_text(_without_collision(PEPPER.export("urdf", mesh_paths="absolute")))
-        self._complaints = (Path(self._folder.name) / "stderr").open("w+")
-        start = dict(zip(PEPPER.joint_names, PEPPER.neutral().tolist(), strict=True))
-        server = Path(__file__).with_name("ik_roboplan_server.py")
-        self._process = subprocess.Popen(
-            [python, str(server), str(path), str(restarts), json.dumps(start)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=self._complaints,
-            text=True,
-        )
-        names = json.loads(self._read())
+        root = ElementTree.fromstring(PEPPER.export("urdf", mesh_paths="absolute"))
+        for link in root.iter("link"):
+            for shape in link.findall("collision"):
+                link.remove(shape)
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "pepper.urdf"
+            path.write_bytes(ElementTree.tostring(root))
+            start = dict(zip(PEPPER.joint_names, PEPPER.neutral().tolist(), strict=True))
+            server = Path(__file__).with_name("ik_roboplan_server.py")
+            super().__init__(python, server, path, restarts, json.dumps(start))
+            names = self.read()
         self._order = [names.index(name) for name in PEPPER.joint_names]
-        self.time = 0.0
-        """Of the last call, measured in the other process [s]."""
 
     def __call__(self, kind: str, case: Case) -> np.ndarray:
         """Return the joint positions that RoboPlan finds."""
         left, right, _, camera = case
         goals = {"c": [(CAMERA, camera)], "d": [(LEFT, left), (RIGHT, right), (CAMERA, camera)]}
-        wanted = [(frame, pose.tolist()) for frame, pose in goals.get(kind, [(LEFT, left)])]
-        assert self._process.stdin is not None
-        self._process.stdin.write(json.dumps(wanted) + "\n")
-        self._process.stdin.flush()
-        answer = json.loads(self._read())
+        answer = self.ask([(frame, pose.tolist()) for frame, pose in goals.get(kind, [(LEFT, left)])])
         self.time = answer["time"]
         return np.clip(np.array(answer["q"])[self._order], LOW, HIGH)
-
-    def close(self) -> None:
-        """End the process."""
-        self._process.communicate()
-        self._complaints.close()
-        self._folder.cleanup()
-
-    def _read(self) -> str:
-        assert self._process.stdout is not None
-        line = self._process.stdout.readline()
-        if not line:
-            self._complaints.seek(0)
-            raise RuntimeError(f"RoboPlan's process ended: {self._complaints.read()[-300:]}")
-        return line
-
-
-def _without_collision(urdf: str) -> str:
-    """Return the robot without collision shapes: RoboPlan's restarts have to be clear by its own pairs."""
-    root = ElementTree.fromstring(urdf)
-    for link in root.iter("link"):
-        for shape in link.findall("collision"):
-            link.remove(shape)
-    return ElementTree.tostring(root, encoding="unicode")
-
-
-def roboplan(python: str | None, restarts: int) -> Roboplan | None:
-    """Return RoboPlan, or None, with a message, where no environment was named or it does not run there."""
-    if python is None:
-        print("RoboPlan is left out: name the interpreter that has it with --roboplan-python")
-        return None
-    try:
-        return Roboplan(python, restarts)
-    except (RuntimeError, OSError) as error:
-        print(f"RoboPlan is left out: {error}")
-        return None

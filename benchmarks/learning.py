@@ -1,21 +1,14 @@
-"""Environments a second of processor time, beside MuJoCo's rollout: `python benchmarks/learning.py`.
+"""Environments: their rates beside MuJoCo's, their rows beside single twins, their memory."""
 
-One environment step is 20 ms of the twin, with commands shaped, observations, rewards and new episodes.  The
-peers do the same task, with the same commands, by `mujoco.rollout` in batches, and as an environment of
-Gymnasium's `SyncVectorEnv` that calls `mj_step`.  Rates are measured in turn; ratios are medians.
-
-With `--rows` 1,000 rows of each task are compared with single twins; with `--memory` an environment steps ten
-million times.
-"""
-
-import argparse
 import resource
 import time
+from collections.abc import Iterator
 
 import gymnasium
 import mujoco
 import numpy as np
 from gymnasium.vector import AutoresetMode
+from harness import Times, figures
 from mujoco import rollout
 from twin import MujocoRobot
 
@@ -29,7 +22,7 @@ from pepper_kin.twin import Twin, TwinBatch
 from pepper_kin.twin.sensors import BatchInertial, BatchRanges
 from pepper_kin.twin.world import World
 
-H, ROUNDS = 0.001, 5
+H = 0.001
 SAME = AutoresetMode.SAME_STEP
 TABLE, TOP = ((0.5, 0.8, 0.05), (0.55, 0.0, 0.675)), 0.7
 PARCEL, MASS, PLACE = (0.2, 0.2, 0.15), 0.4, (0.5, 0.0, 0.775)
@@ -140,10 +133,10 @@ def parcel_world(pepper):
 def parcel(pepper, rng, count=256):
     """Return environment steps a second with a parcel on a table, ours and MuJoCo's, and the ratio."""
     joints = [pepper.joint_index(name) for name in pepper.resolve_joints("head")]
-    ours, theirs = TwinBatch(pepper, count, world=parcel_world(pepper)), None
+    ours = TwinBatch(pepper, count, world=parcel_world(pepper))
     theirs = MujocoTwins(pepper, count, MujocoParcel(pepper))
     found = []
-    for _ in range(2 * ROUNDS):
+    for _ in range(10):
         rates = []
         for twins, steps in ((ours, 12), (theirs, 3)):
             begin = time.process_time()
@@ -213,43 +206,30 @@ class SingleEnv(gymnasium.Env):
         return env._observations(state)[0], -float((score.distance + score.cost)[0]), False, False, {}
 
 
-def rate(env, steps, rng):
-    """Return environment steps a second of processor time, with random actions."""
+def rate(env, steps, rng, clock=time.process_time):
+    """Return environment steps a second of processor time, or another clock, with random actions."""
     env.reset(seed=0)
     shape = env.action_space.shape
     actions = rng.uniform(-1.0, 1.0, (8, *shape)).astype(np.float32)
     env.step(actions[0])
-    begin = time.process_time()
+    begin = clock()
     for k in range(steps):
         env.step(actions[k % 8])
-    return steps * shape[0] / (time.process_time() - begin)
-
-
-def wall_rate(env, steps, rng):
-    env.reset(seed=0)
-    actions = rng.uniform(-1.0, 1.0, (8, *env.action_space.shape)).astype(np.float32)
-    env.step(actions[0])
-    begin = time.perf_counter()
-    for k in range(steps):
-        env.step(actions[k % 8])
-    return steps * env.num_envs / (time.perf_counter() - begin)
+    return steps * shape[0] / (clock() - begin)
 
 
 def held_targets(pepper, count=1024):
     """Return the time of a step of raw commands, which jump by up to 0.1 rad and saturate the motors [us]."""
-    twins, rng = pk.TwinBatch(pepper, count), np.random.default_rng(0)
-    spent = []
+    twins, rng, times = pk.TwinBatch(pepper, count), np.random.default_rng(0), Times()
     for _ in range(5):
         target = twins.position + rng.uniform(-0.1, 0.1, (count, pepper.n))
         target = np.repeat(np.clip(target, pepper.lower_limits, pepper.upper_limits)[:, None], STEPS, axis=1)
-        begin = time.process_time()
-        twins.follow(target)
-        spent.append((time.process_time() - begin) / count)
-    return 1e6 * np.median(spent)
+        times("follow", twins.follow, target)
+    return times.at("follow", unit=1e6) / count
 
 
 def scores():
-    """Print how the oracle and a random policy do in each task."""
+    """Yield how the oracle and a random policy do in each task."""
     rng = np.random.default_rng(0)
     for name in TASKS:
         env = PepperVectorEnv(256, name, autoreset_mode=SAME)
@@ -265,38 +245,42 @@ def scores():
                 if ended.any():
                     ends += infos["final_info"]["is_success"][ended].tolist()
             found[policy] = np.mean(ends)
-        print(f"{name:10} oracle {found['oracle']:.3f}, random {found['random']:.3f}", flush=True)
+        yield "task | oracle {:.3f} | random {:.3f}", name, found["oracle"], found["random"]
 
 
-def rates():
-    """Print environment steps a second of each task and of the peers."""
+def rates(rounds, rows):
+    """Yield environment steps a second of each task and of the peers."""
     rng = np.random.default_rng(0)
-    ours = {name: PepperVectorEnv(1024, name, autoreset_mode=SAME) for name in TASKS}
-    ours["with sensors"] = SensingEnv(1024)
+    ours = {name: PepperVectorEnv(rows, name, autoreset_mode=SAME) for name in TASKS}
+    ours["with sensors"] = SensingEnv(rows)
     single = gymnasium.vector.SyncVectorEnv([SingleEnv] * 8)
     peers = {"mujoco.rollout": RolloutEnv(256), "SyncVectorEnv": single}
     found = {name: [] for name in (*ours, *peers)}
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         for name, env in ours.items():
             found[name].append(rate(env, 10 if name == "Push" else 60, rng))
         for name, env in peers.items():
             found[name].append(rate(env, 12, rng))
     for name, rates in found.items():
-        times = np.median(np.array(found["Reach"]) / np.array(rates))
-        print(
-            f"{name:15} {np.median(rates):9.0f} environment steps/s and core; Reach is {times:.2f} times that"
-        )
+        ratio = np.median(np.array(found["Reach"]) / np.array(rates))
+        yield (
+            "environment | steps a second and core {:.0f} | Reach over it {:.2f}",
+            name, np.median(rates), ratio,
+        )  # fmt: skip
     pepper = ours["Reach"].pepper
-    print("parcel on a table: {:.0f} beside MuJoCo's {:.0f}: {:.2f} times".format(*parcel(pepper, rng)))
-    threads = [PepperVectorEnv(4096, autoreset_mode=SAME, threads=count) for count in (1, 2)]
-    ratios = [wall_rate(threads[1], 20, rng) / wall_rate(threads[0], 20, rng) for _ in range(ROUNDS)]
-    print(f"two threads over one: {np.median(ratios):.2f}")
+    yield "parcel on a table: {:.0f} beside MuJoCo's {:.0f}: {:.2f} times".format(*parcel(pepper, rng))
+    two, one = (PepperVectorEnv(4 * rows, autoreset_mode=SAME, threads=count) for count in (2, 1))
+    ratios = [
+        np.divide(*(rate(env, 20, rng, time.perf_counter) for env in (two, one))) for _ in range(rounds)
+    ]
+    yield f"two threads over one: {np.median(ratios):.2f}"
     spent = held_targets(pepper)
-    print(f"held random targets of 0.1 rad: {spent:.0f} us, {1e6 / spent:.0f} environment steps/s and core")
+    yield f"held random targets of 0.1 rad: {spent:.0f} us, {1e6 / spent:.0f} environment steps/s and core"
 
 
-def rows(count=1000, steps=10):
-    """Print by how much rows of batches differ from single twins that are sent the same targets."""
+def rows_beside_twins(count, steps=10):
+    """Yield by how much rows of batches differ from single twins that are sent the same targets."""
+    head = "task | rows | most from single twins after 200 ms [rad] {:.1e}"
     for name in TASKS:
         env = PepperVectorEnv(count, name, autoreset_mode="Disabled")
         env.reset(seed=0)
@@ -326,7 +310,7 @@ def rows(count=1000, steps=10):
                 options = options | {"load": None if load is None else load[[row]]}
                 own.step(targets[[row]], STEPS, **options)
             worst = max(worst, np.abs(own.position[0] - batch.position[row]).max())
-        print(f"{name:10} {count} rows: at most {worst:.1e} rad from single twins after {steps * STEPS} ms")
+        yield head, name, count, worst
     pepper, rng = pk.load_pepper().with_requirements("limits"), np.random.default_rng(0)
     low, high = pepper.lower_limits, pepper.upper_limits
     batch = TwinBatch(pepper, count, world=parcel_world(pepper))
@@ -340,11 +324,11 @@ def rows(count=1000, steps=10):
         for target in targets[:, [row]]:
             own.step(target, STEPS)
         worst = max(worst, np.abs(own.position[0] - batch.position[row]).max())
-    print(f"a parcel   {count} rows: at most {worst:.1e} rad from single twins after {steps * STEPS} ms")
+    yield head, "a parcel", count, worst
 
 
-def memory(steps=10_000_000, count=1000):
-    """Print how much more memory the process holds after so many environment steps."""
+def memory(steps, count=1000):
+    """Yield how much more memory the process holds after so many environment steps."""
     rng, env = np.random.default_rng(0), PepperVectorEnv(count, autoreset_mode=SAME)
     env.reset(seed=0)
     actions = rng.uniform(-1.0, 1.0, (8, *env.action_space.shape)).astype(np.float32)
@@ -353,22 +337,24 @@ def memory(steps=10_000_000, count=1000):
         env.step(actions[k % 8])
         if k in (200, steps // count - 1):
             held.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
-    print(f"{steps} environment steps: {held[1] - held[0]:.1f} MiB more than after {200 * count}")
+    yield f"{steps} environment steps: {held[1] - held[0]:.1f} MiB more than after {200 * count}"
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--rows", action="store_true")
-    parser.add_argument("--memory", action="store_true")
-    chosen = parser.parse_args()
-    if chosen.rows:
-        rows()
-    elif chosen.memory:
-        memory()
+@figures("learning.md", "the extra `learning`", robots=32, rounds=1)
+def learning(robots: int = 1024, rounds: int = 5, rows: int = 0, steps: int = 0) -> Iterator[tuple | str]:
+    """Environments a second of processor time, beside MuJoCo's rollout.
+
+    One environment step is 20 ms of the twin, with commands shaped, observations, rewards and new episodes.
+    The peers do the same task, with the same commands, by `mujoco.rollout` in batches, and as an environment
+    of Gymnasium's `SyncVectorEnv` that calls `mj_step`.  Rates are measured in turn; ratios are medians.
+
+    With `rows` as many rows of each task, 1,000 on the page, are compared with single twins instead; with
+    `steps` an environment steps so often, ten million times on the page, and its memory is looked at.
+    """
+    if rows:
+        yield from rows_beside_twins(rows)
+    elif steps:
+        yield from memory(steps)
     else:
-        scores()
-        rates()
-
-
-if __name__ == "__main__":
-    main()
+        yield from scores()
+        yield from rates(rounds, robots)

@@ -1,23 +1,22 @@
-"""PPO of RSL-RL on Reach: `python benchmarks/learning_rsl_rl.py [SEEDS]`, which needs rsl-rl-lib 5 and torch.
-
-For each seed, the share of goals that were never seen and are reached, without noise, against processor time.
-"""
+"""PPO of RSL-RL on Reach, which needs rsl-rl-lib 5 and torch."""
 
 import contextlib
 import io
 import os
-import sys
 import time
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
+from collections.abc import Iterator
+
 import torch
+from harness import figures
 from rsl_rl.runners import OnPolicyRunner
 from tensordict import TensorDict
 
 from pepper_kin.learning import PepperVectorEnv, success_rate, to_rsl_rl
 
-ROBOTS, ROUNDS, ITERATIONS = 512, 3, 40
+ROBOTS, ITERATIONS = 512, 40
 NETWORK = {
     "class_name": "MLPModel", "hidden_dims": [128, 128], "activation": "tanh", "obs_normalization": True,
 }  # fmt: skip
@@ -32,17 +31,19 @@ SETTINGS = {
 }  # fmt: skip
 
 
-def main():
+@figures("learning.md", "torch and rsl-rl-lib 5", seeds=1, rounds=1)
+def learning_rsl_rl(seeds: int = 3, rounds: int = 3) -> Iterator[str]:
+    """PPO of RSL-RL on Reach: the share of goals never seen that are reached, against processor time."""
     torch.set_num_threads(1)
     others = PepperVectorEnv(1024, "Reach", autoreset_mode="SameStep", goal_seed=1)
-    for seed in range(int(sys.argv[1]) if len(sys.argv) > 1 else 3):
+    for seed in range(seeds):
         torch.manual_seed(seed)
         env = PepperVectorEnv(ROBOTS, "Reach", autoreset_mode="SameStep")
         env.reset(seed=seed)
         with contextlib.redirect_stdout(io.StringIO()):
             runner = OnPolicyRunner(to_rsl_rl(env), SETTINGS)
         begin, curve = time.process_time(), []
-        for _ in range(ROUNDS):
+        for _ in range(rounds):
             with contextlib.redirect_stdout(io.StringIO()):
                 runner.learn(ITERATIONS, init_at_random_ep_len=True)
             act = runner.get_inference_policy()
@@ -54,8 +55,4 @@ def main():
 
             spent = time.process_time() - begin
             curve.append(f"{success_rate(others, policy):.3f} after {spent:.0f} s")
-        print(f"seed {seed}: {', '.join(curve)}", flush=True)
-
-
-if __name__ == "__main__":
-    main()
+        yield f"seed {seed}: {', '.join(curve)}"

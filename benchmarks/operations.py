@@ -8,6 +8,7 @@ take turns so.
 
 from __future__ import annotations
 
+import json
 import sys
 import time
 from collections.abc import Callable
@@ -15,6 +16,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+from harness import pairs, table
 
 import pepper_kin as pk
 
@@ -25,13 +27,9 @@ HAND, SIDES = "LArm_effector", ("left", "right")
 
 @dataclass(frozen=True)
 class Operation:
-    """An operation.
+    """What is done, in words, its page of `docs/benchmarks`, what makes ours, problems and the peer's.
 
-    Attributes:
-        words: What is done, for a table.
-        page: The page of `docs/benchmarks` whose figures it stands for.
-        make: Makes the problems; returns ours, their number, and the peer's.
-        peer: The peer's name and the distribution whose version tells it apart; empty where there is none.
+    The peer is its name and the distribution whose version tells it apart.
     """
 
     words: str
@@ -59,10 +57,6 @@ def stand() -> np.ndarray:
     return pepper().posture("Stand")
 
 
-def table() -> pk.Scene:
-    return pk.Scene().add_box("table", (0.40, 0.80, 0.03), (0.47, 0.05, 0.715))
-
-
 def states(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return random positions within the limits, velocities and accelerations."""
     rng = np.random.default_rng(0)
@@ -84,6 +78,10 @@ def hand_points(count: int) -> np.ndarray:
     return pk.kinematics.frame_pose(pepper(), clear_postures(count), HAND)[:, :3, 3]
 
 
+def pairs_of(count: int) -> list[tuple]:
+    return list(zip(*states(count), strict=True))
+
+
 @cache
 def pinocchio_loop() -> tuple:
     import pinocchio
@@ -92,48 +90,34 @@ def pinocchio_loop() -> tuple:
     return pinocchio, model, model.createData()
 
 
+def one_by_one(ours: Callable, peer: str, rows: list[tuple]) -> Made:
+    pin, model, data = pinocchio_loop()
+    theirs, robot = getattr(pin, peer), pepper()
+    return (
+        lambda: [ours(robot, *row) for row in rows],
+        len(rows),
+        lambda: [theirs(model, data, *row) for row in rows],
+    )
+
+
 @operation("inverse dynamics, one state", "dynamics", "Pinocchio", "pin")
 def inverse_dynamics() -> Made:
-    rows = list(zip(*states(1000), strict=True))
-    pin, model, data = pinocchio_loop()
-    return (
-        lambda: [pk.dynamics.inverse_dynamics(pepper(), *row) for row in rows],
-        len(rows),
-        lambda: [pin.rnea(model, data, *row) for row in rows],
-    )
+    return one_by_one(pk.dynamics.inverse_dynamics, "rnea", pairs_of(1000))
 
 
 @operation("forward dynamics, one state", "dynamics", "Pinocchio", "pin")
 def forward_dynamics() -> Made:
-    rows = list(zip(*states(1000), strict=True))
-    pin, model, data = pinocchio_loop()
-    return (
-        lambda: [pk.dynamics.forward_dynamics(pepper(), *row) for row in rows],
-        len(rows),
-        lambda: [pin.aba(model, data, *row) for row in rows],
-    )
+    return one_by_one(pk.dynamics.forward_dynamics, "aba", pairs_of(1000))
 
 
 @operation("inverse dynamics' derivatives, one state", "dynamics", "Pinocchio", "pin")
 def inverse_dynamics_derivatives() -> Made:
-    rows = list(zip(*states(500), strict=True))
-    pin, model, data = pinocchio_loop()
-    return (
-        lambda: [pk.dynamics.inverse_dynamics_derivatives(pepper(), *row) for row in rows],
-        len(rows),
-        lambda: [pin.computeRNEADerivatives(model, data, *row) for row in rows],
-    )
+    return one_by_one(pk.dynamics.inverse_dynamics_derivatives, "computeRNEADerivatives", pairs_of(500))
 
 
 @operation("mass matrix, one state", "dynamics", "Pinocchio", "pin")
 def mass_matrix() -> Made:
-    rows = list(states(1000)[0])
-    pin, model, data = pinocchio_loop()
-    return (
-        lambda: [pk.dynamics.mass_matrix(pepper(), q) for q in rows],
-        len(rows),
-        lambda: [pin.crba(model, data, q) for q in rows],
-    )
+    return one_by_one(pk.dynamics.mass_matrix, "crba", [row[:1] for row in pairs_of(1000)])
 
 
 @operation("frame pose and Jacobian, one state", "dynamics", "Pinocchio", "pin")
@@ -157,49 +141,47 @@ def frame() -> Made:
 
 @operation("inverse dynamics, 20,000 states", "dynamics", "loop over Pinocchio", "pin")
 def inverse_dynamics_batch() -> Made:
-    return _batch(pk.dynamics.inverse_dynamics, lambda pin: pin.rnea)
+    return _batch(pk.dynamics.inverse_dynamics, "rnea")
 
 
 @operation("forward dynamics, 20,000 states", "dynamics", "loop over Pinocchio", "pin")
 def forward_dynamics_batch() -> Made:
-    return _batch(pk.dynamics.forward_dynamics, lambda pin: pin.aba)
+    return _batch(pk.dynamics.forward_dynamics, "aba")
 
 
 @operation("inverse dynamics' derivatives, 20,000 states", "dynamics", "loop over Pinocchio", "pin")
 def derivatives_batch() -> Made:
-    return _batch(pk.dynamics.inverse_dynamics_derivatives, lambda pin: pin.computeRNEADerivatives)
+    return _batch(pk.dynamics.inverse_dynamics_derivatives, "computeRNEADerivatives")
 
 
-def _batch(ours: Callable, of: Callable) -> Made:
-    q, v, a = states(20_000)
-    pin, model, data = pinocchio_loop()
-    peer = of(pin)
+def _batch(ours: Callable, peer: str) -> Made:
+    rows = states(20_000)
     return (
-        lambda: ours(pepper(), q, v, a),
-        len(q),
-        lambda: [peer(model, data, *row) for row in zip(q, v, a, strict=True)],
+        lambda: ours(pepper(), *rows),
+        len(rows[0]),
+        one_by_one(ours, peer, list(zip(*rows, strict=True)))[2],
     )
+
+
+def hands(points: np.ndarray, **options: object) -> Callable[[], list]:
+    """Return a function that solves for the left hand at each point."""
+
+    def solve() -> list:
+        tasks = (pk.ik.HandPosition("left", point) for point in points)
+        return [pk.ik.solve(pepper(), task, **options) for task in tasks]
+
+    return solve
 
 
 @operation("IK of a hand, self-collision ignored", "ik", "placo", "placo")
 def ik_hand() -> Made:
-    points = hand_points(100)
-
-    def solve(points: np.ndarray, **options: object) -> list:
-        tasks = (pk.ik.HandPosition("left", point) for point in points)
-        return [pk.ik.solve(pepper(), task, collisions=False, **options) for task in tasks]
-
-    return lambda: solve(points), len(points), lambda: solve(points, solver="placo")
+    points, free = hand_points(100), {"collisions": False}
+    return hands(points, **free), len(points), hands(points, **free, solver="placo")
 
 
 @operation("IK of a hand, clear of itself", "ik")
 def ik_hand_clear() -> Made:
-    points = hand_points(300)
-    return (
-        lambda: [pk.ik.solve(pepper(), pk.ik.HandPosition("left", point)) for point in points],
-        len(points),
-        None,
-    )
+    return hands(hand_points(300)), 300, None
 
 
 @operation("IK of both hands, clear of itself and a table", "ik")
@@ -220,12 +202,7 @@ def ik_batch() -> Made:
 
 @operation("IK out of reach, the closest posture", "ik")
 def ik_closest() -> Made:
-    points = np.random.default_rng(2).uniform((0.6, -0.5, 0.2), (1.2, 0.9, 1.8), (20, 3))
-    return (
-        lambda: [pk.ik.solve(pepper(), pk.ik.HandPosition("left", point)) for point in points],
-        len(points),
-        None,
-    )
+    return hands(np.random.default_rng(2).uniform((0.6, -0.5, 0.2), (1.2, 0.9, 1.8), (20, 3))), 20, None
 
 
 @operation("collision check of one posture and a table", "collision", "coal through Pinocchio", "coal")
@@ -234,14 +211,12 @@ def check_one() -> Made:
 
     postures, scene = list(states(500)[0]), table()
     checker = pk.collision.CollisionChecker(pepper(), scene)
-    data, geometry, shapes = checker._data[0], checker._data[1]._kept, checker._shapes.model
+    model, data, geometry = pepper().inner_model, checker._data[0], checker._data[1]._kept
+    check, shapes = pinocchio.computeCollisions, checker._shapes.model
     return (
         lambda: [pk.collision.in_collision(pepper(), q, scene) for q in postures],
         len(postures),
-        lambda: [
-            pinocchio.computeCollisions(pepper().inner_model, data, shapes, geometry, q, True)
-            for q in postures
-        ],
+        lambda: [check(model, data, shapes, geometry, q, True) for q in postures],
     )
 
 
@@ -291,8 +266,8 @@ def servo() -> Made:
 @operation("a plan beside a table", "planning")
 def plan() -> Made:
     postures, scene = clear_postures(40, "table"), table()
-    pairs = list(zip(postures[::2], postures[1::2], strict=True))
-    return lambda: [pk.plan(pepper(), *pair, scene, timeout=30.0) for pair in pairs], len(pairs), None
+    ends = pairs(postures)
+    return lambda: [pk.plan(pepper(), *pair, scene, timeout=30.0) for pair in ends], len(ends), None
 
 
 @operation("from a hand's target to a timed motion beside a table", "planning")
@@ -323,8 +298,8 @@ def plan_base() -> Made:
     q = np.tile(robot.posture("Stand"), (200, 1))
     q[:, index] = np.random.default_rng(1).uniform(low, high, (len(q), len(index)))
     q = q[~pk.collision.in_collision(robot, q, scene)][:40]
-    pairs = list(zip(q[::2], q[1::2], strict=True))
-    return lambda: [pk.plan(robot, *pair, scene, joints=joints) for pair in pairs], len(pairs), None
+    ends = pairs(q)
+    return lambda: [pk.plan(robot, *pair, scene, joints=joints) for pair in ends], len(ends), None
 
 
 @cache
@@ -358,7 +333,7 @@ def retime_jerk() -> Made:
 def motions() -> list[pk.Trajectory]:
     """Return timed plans beside a table, certified clear."""
     q, found = clear_postures(40, "table"), []
-    for start, goal in zip(q[::2], q[1::2], strict=True):
+    for start, goal in pairs(q):
         plan = pk.plan(pepper(), start, goal, table(), timeout=30.0)
         if plan.success:
             found.append(pk.retime(pepper(), plan, torque=False))
@@ -373,11 +348,8 @@ def certificate() -> Made:
 
 @operation("stop from an instant of a motion", "timing")
 def stop() -> Made:
-    return (
-        lambda: [motion.stop(pepper(), 0.5 * motion.duration) for motion in motions()],
-        len(motions()),
-        None,
-    )
+    some = motions()
+    return lambda: [motion.stop(pepper(), 0.5 * motion.duration) for motion in some], len(some), None
 
 
 @operation("a new goal in motion, torques and balance kept", "timing")
@@ -402,10 +374,7 @@ def optimized() -> Made:
     from pepper_kin.motion import optimize
 
     q, scene = clear_postures(12, "table"), table()
-    found = [
-        pk.plan(pepper(), start, goal, scene, timeout=30.0)
-        for start, goal in zip(q[::2], q[1::2], strict=True)
-    ]
+    found = [pk.plan(pepper(), start, goal, scene, timeout=30.0) for start, goal in pairs(q)]
     return lambda: [optimize(pepper(), plan, scene) for plan in found if plan.success], len(found), None
 
 
@@ -508,8 +477,9 @@ def repeated(function: Callable[[], object]) -> tuple[Callable[[], object], int]
 def serve() -> None:
     """Answer "make NAME" by whether there is a peer, "ours" and "peer" by a problem's processor time [s]."""
     functions: dict[str, tuple[Callable[[], object], int]] = {}
+    answer: int | float | str
     for line in sys.stdin:
-        word, _, name = line.strip().partition(" ")
+        word, _, name = json.loads(line).partition(" ")
         try:
             if word == "make":
                 ours, count, peer = OPERATIONS[name].make()
@@ -518,15 +488,15 @@ def serve() -> None:
                     key: (job, times * count)
                     for key, (job, times) in ((key, repeated(function)) for key, function in made.items())
                 }
-                answer = str(int(peer is not None))
+                answer = int(peer is not None)
             else:
                 function, problems = functions[word]
                 begin = time.process_time()
                 function()
-                answer = repr((time.process_time() - begin) / problems)
+                answer = (time.process_time() - begin) / problems
         except Exception as error:  # an earlier commit may lack what is asked for
             answer = f"error {type(error).__name__}: {' '.join(str(error).split())}"
-        print(answer, file=replies, flush=True)
+        print(json.dumps(answer), file=replies, flush=True)
 
 
 if __name__ == "__main__":

@@ -1,18 +1,21 @@
-"""RoboPlan beside our planning: the robot and the scene as it takes them, and its process."""
+"""Peers of planning: RoboPlan in its process, and OMPL over the compiled check."""
 
 from __future__ import annotations
 
-import json
-import subprocess
+import ctypes
 import tempfile
+import time
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio
+from harness import Served
+from ompl import base, geometric, util
 
 import pepper_kin as pk
+from pepper_kin import planners
 from pepper_kin.model import Box, Capsule, Cylinder, Sphere
 
 
@@ -57,33 +60,25 @@ def _words(values: Any) -> str:
     return " ".join(repr(float(value)) for value in values)
 
 
-class Roboplan:
-    """RoboPlan in a process of its own.
-
-    Args:
-        python: Interpreter of the environment that RoboPlan is installed in.
-        pepper: The robot.
-
-    Attributes:
-        time: Of the last job, measured in the other process [s].
-    """
+class Roboplan(Served):
+    """RoboPlan in a process of its own; `time` is that of the last job, measured there [s]."""
 
     def __init__(self, python: str, pepper: pk.PepperModel) -> None:
-        self._folder = tempfile.TemporaryDirectory()
-        folder = Path(self._folder.name)
-        urdf, srdf = folder / "pepper.urdf", folder / "pepper.srdf"
-        urdf.write_text(urdf_of_capsules(pepper), encoding="utf-8")
-        srdf.write_text(pepper.export("srdf"), encoding="utf-8")
-        self._complaints = (folder / "stderr").open("w+")
-        server = Path(__file__).with_name("planning_roboplan_server.py")
-        self._process = subprocess.Popen(
-            [python, str(server), str(urdf), str(srdf)],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._complaints, text=True,
-        )  # fmt: skip
-        names = json.loads(self._read())
+        with tempfile.TemporaryDirectory() as folder:
+            urdf, srdf = Path(folder) / "pepper.urdf", Path(folder) / "pepper.srdf"
+            urdf.write_text(urdf_of_capsules(pepper), encoding="utf-8")
+            srdf.write_text(pepper.export("srdf"), encoding="utf-8")
+            server = Path(__file__).with_name("planning_roboplan_server.py")
+            super().__init__(python, server, urdf, srdf)
+            names = self.read()
         self._to = [pepper.joint_names.index(name) for name in names]
         self._from = [names.index(name) for name in pepper.joint_names]
         self.time = 0.0
+
+    def do(self, what: str, **job: Any) -> Any:
+        answer = self.ask({"do": what, **job})
+        self.time = answer["time"] if answer else 0.0
+        return answer
 
     def furnish(self, scene: pk.Scene) -> None:
         """Put the boxes of a scene around the robot, and nothing else."""
@@ -92,58 +87,107 @@ class Roboplan:
             if not isinstance(item.geometry, Box):
                 raise TypeError(f"{item.name} is no box")
             boxes.append((list(item.geometry.size), item.transform_object_to_world.tolist()))
-        self._ask("furnish", boxes=boxes)
+        self.do("furnish", boxes=boxes)
 
     def group(self, name: str, joints: tuple[str, ...]) -> None:
         """Make a group of joints, if there is none of that name."""
-        self._ask("group", name=name, joints=list(joints))
+        self.do("group", name=name, joints=list(joints))
 
     def in_collision(self, q: np.ndarray) -> np.ndarray:
         """Return which configurations, shape (m, n), collide, shape (m,)."""
-        answer = self._ask("validity", states=q[:, self._to].tolist())
-        self.time = answer["time"]
-        return np.array(answer["collides"])
+        return np.array(self.do("validity", states=q[:, self._to].tolist())["collides"])
 
-    def connect(
-        self, start: np.ndarray, goal: np.ndarray, group: str, step: float, seed: int, timeout: float
-    ) -> np.ndarray | None:
+    def connect(self, start, goal, group, step, seed, timeout) -> np.ndarray | None:
         """Return the way-points of a path, shape (k, n), checked every `step` [rad]; None for none."""
-        ends = (q[self._to].tolist() for q in (start, goal))
-        answer = self._ask(
-            "connect", **dict(zip(("start", "goal"), ends, strict=True)), joints=group, step=step, seed=seed,
-            timeout=timeout,
-        )  # fmt: skip
-        self.time = answer["time"]
-        return None if answer["path"] is None else np.array(answer["path"])[:, self._from]
 
-    def close(self) -> None:
-        """End the process."""
-        self._process.communicate()
-        self._complaints.close()
-        self._folder.cleanup()
-
-    def _ask(self, what: str, **job: Any) -> Any:
-        assert self._process.stdin is not None
-        self._process.stdin.write(json.dumps({"do": what, **job}) + "\n")
-        self._process.stdin.flush()
-        return json.loads(self._read())
-
-    def _read(self) -> str:
-        assert self._process.stdout is not None
-        line = self._process.stdout.readline()
-        if not line:
-            self._complaints.seek(0)
-            raise RuntimeError(f"RoboPlan's process ended: {self._complaints.read()[-300:]}")
-        return line
+        start, goal = (q[self._to].tolist() for q in (start, goal))
+        found = self.do(
+            "connect", start=start, goal=goal, joints=group, step=step, seed=seed, timeout=timeout
+        )["path"]
+        return None if found is None else np.array(found)[:, self._from]
 
 
-def roboplan(python: str | None, pepper: pk.PepperModel) -> Roboplan | None:
-    """Return RoboPlan, or None, with a message, where no environment was named or it does not run there."""
-    if python is None:
-        print("RoboPlan is left out: name the interpreter that has it with --roboplan-python")
-        return None
-    try:
-        return Roboplan(python, pepper)
-    except (RuntimeError, OSError) as error:
-        print(f"RoboPlan is left out: {error}")
-        return None
+_CHECK = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_void_p] * 2, ctypes.c_int64, ctypes.c_void_p)
+
+
+def ompl_space(low: np.ndarray, high: np.ndarray) -> base.RealVectorStateSpace:
+    """Return OMPL's space of vectors within bounds."""
+    space, bounds = base.RealVectorStateSpace(len(low)), base.RealVectorBounds(len(low))
+    for i, (least, most) in enumerate(zip(low, high, strict=True)):
+        bounds.setLow(i, least)
+        bounds.setHigh(i, most)
+    space.setBounds(bounds)
+    return space
+
+
+def ompl_states(space: base.RealVectorStateSpace, *vectors: np.ndarray) -> list[Any]:
+    """Return OMPL's states of vectors."""
+    states = [space.allocState() for _ in vectors]
+    for state, vector in zip(states, vectors, strict=True):
+        for i, value in enumerate(vector):
+            state[i] = float(value)
+    return states
+
+
+class CompiledOmpl:
+    """One search, whose callbacks read the numbers of states and call the compiled check, and nothing else.
+
+    With `by_edge` a motion validator is asked for edges; else states are asked for, as OMPL does.
+    `inside` is the time within callbacks [s].
+    """
+
+    def __init__(self, problem: planners.Problem, *, by_edge: bool) -> None:
+        code = problem.validity
+        assert isinstance(code, planners.CompiledMotionValidator)
+        n, self.inside = problem.n, 0.0
+        self._check, self._code, self._memory = _CHECK(code.address), code, code.fresh_memory()
+        weights = problem.metric.weights
+        self._scale = (1.0 / weights).tolist()
+        self._ends = (ctypes.c_double * n)(), (ctypes.c_double * n)()
+        self._at = *map(ctypes.addressof, self._ends), self._memory.ctypes.data
+        self._step = problem.spacing
+        self.space = space = ompl_space(problem.lower * weights, problem.upper * weights)
+        self._setup = setup = geometric.SimpleSetup(space)
+        setup.setStateValidityChecker(self._valid)
+        information = setup.getSpaceInformation()
+        information.setStateValidityCheckingResolution(problem.spacing / space.getMaximumExtent())
+        if by_edge:
+            self._edges = _edges_of(self, information)
+            information.setMotionValidator(self._edges)
+        setup.setStartAndGoalStates(*ompl_states(space, problem.start * weights, problem.goals[0] * weights))
+        setup.setPlanner(geometric.RRTConnect(information))
+
+    def solve(self, seconds: float) -> bool:
+        """Search for so long [s] at most; return whether there is a path."""
+        util.setLogLevel(util.LOG_NONE)
+        self._setup.solve(seconds)
+        return bool(self._setup.haveExactSolutionPath())
+
+    def _valid(self, state: Any) -> bool:
+        begin = time.perf_counter()
+        (first, _), (at, _, memory) = self._ends, self._at
+        first[:] = [state[i] * scale for i, scale in enumerate(self._scale)]
+        found = self._check(at, at, 1, memory) == 1
+        self.inside += time.perf_counter() - begin
+        return found
+
+    def edge_valid(self, a: Any, b: Any) -> bool:
+        """Return whether the states of an edge are valid, the first one aside."""
+        begin = time.perf_counter()
+        (first, last), (at_first, at_last, memory) = self._ends, self._at
+        first[:] = [a[i] * scale for i, scale in enumerate(self._scale)]
+        last[:] = [b[i] * scale for i, scale in enumerate(self._scale)]
+        steps = int(np.ceil(self.space.distance(a, b) / self._step)) or 1
+        found = self._check(at_first, at_last, steps, memory) == steps
+        self.inside += time.perf_counter() - begin
+        return found
+
+
+def _edges_of(search: CompiledOmpl, information: Any) -> Any:
+    """Return OMPL's validator of motions that asks a search for whole edges."""
+
+    class Edges(base.MotionValidator):  # type: ignore[misc]
+        def checkMotion(self, a: Any, b: Any, *_: Any) -> bool:  # noqa: N802
+            return search.edge_valid(a, b)
+
+    return Edges(information)

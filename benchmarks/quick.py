@@ -1,22 +1,15 @@
-"""IK, batches and the twin on this machine in a minute, each beside the usual way to do the same.
-
-The two ways of a row take turns, so that a busy moment of the machine hits both.  What is compiled is
-compiled before the clock runs.  Results of both ways are compared.  Prints Markdown, or JSON.
-
-python benchmarks/quick.py [--repeats N] [--seed N] [--json]
-"""
+"""IK, batches and the twin on this machine in a minute, each beside the usual way to do the same."""
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
 import platform
-import statistics
 import time
+from collections.abc import Iterator
 
 import numpy as np
 import pinocchio
+from harness import figures, in_turn
 
 import pepper_kin as pk
 
@@ -28,35 +21,33 @@ STEPS = 400  # of the twin; the way over Pinocchio takes a tenth of them
 SAME = 1e-9
 
 
-def one_ik(pepper, rng, repeats):
-    points, solved = targets(pepper, rng, SINGLE_TARGETS), {}
+def one_ik(pepper, rng):
+    tasks = [pk.ik.HandPosition("left", point) for point in targets(pepper, rng, SINGLE_TARGETS)]
 
-    def solve_all(solver):
-        tasks = [pk.ik.HandPosition("left", point) for point in points]
-        solved[solver] = sum(pk.ik.solve(pepper, task, solver=solver).success for task in tasks)
+    def solved(solver):
+        return sum(pk.ik.solve(pepper, task, solver=solver).success for task in tasks)
 
-    ours, peer = medians(repeats, lambda: solve_all("fast"), lambda: solve_all("placo"))
-    assert solved["fast"] == len(points)
-    quality = f"solved {solved['fast']} and {solved['placo']} of {len(points)}"
-    return "IK of a hand, one call", "fast", ours / len(points), "placo", peer / len(points), quality
+    assert solved("fast") == len(tasks)
+    quality = f"solved {solved('fast')} and {solved('placo')} of {len(tasks)}"
+    ways = (lambda: solved("fast")), (lambda: solved("placo"))
+    return "IK of a hand, one call", "fast", len(tasks), "placo", len(tasks), quality, ways
 
 
-def many_ik(pepper, rng, repeats):
+def many_ik(pepper, rng):
     points = targets(pepper, rng, BATCH_TARGETS)
-    few = points[:SINGLE_TARGETS]
+    few, task = points[:SINGLE_TARGETS], pk.ik.HandPosition("left", points)
 
     def loop():
         return [pk.ik.solve(pepper, pk.ik.HandPosition("left", point)).success for point in few]
 
     def batch():
-        return pk.ik.solve_batch(pepper, pk.ik.HandPosition("left", points), collisions=False).codes == 0
+        return pk.ik.solve_batch(pepper, task, collisions=False).codes == 0
 
     quality = f"solved {int(batch().sum())} of {len(points)} and {sum(loop())} of {len(few)}"
-    ours, peer = medians(repeats, batch, loop)
-    return "IK of a hand, many", "batch", ours / len(points), "calls of fast", peer / len(few), quality
+    return "IK of a hand, many", "batch", len(points), "calls of fast", len(few), quality, (batch, loop)
 
 
-def poses(pepper, rng, repeats):
+def poses(pepper, rng):
     q, _, _ = states(pepper, rng)
     few = q[:: STATES // 200]
 
@@ -67,16 +58,13 @@ def poses(pepper, rng, repeats):
         return np.array([pk.kinematics.frame_pose(pepper, state, FRAME) for state in few])
 
     quality = same(batch()[:: STATES // 200], loop())
-    ours, peer = medians(repeats, batch, loop)
-    return "pose of a hand", "batch", ours / len(q), "one by one", peer / len(few), quality
+    return "pose of a hand", "batch", len(q), "one by one", len(few), quality, (batch, loop)
 
 
-def torques(pepper, rng, repeats):
+def torques(pepper, rng):
     """Inverse dynamics beside a loop over Pinocchio itself, without this library's checks."""
     q, v, a = states(pepper, rng)
-    few = slice(None, None, STATES // 200)
-    model = pepper.inner_model
-    data = model.createData()
+    few, model, data = slice(None, None, STATES // 200), pepper.inner_model, pepper.inner_model.createData()
 
     def batch():
         return pk.dynamics.inverse_dynamics(pepper, q, v, a)
@@ -86,11 +74,10 @@ def torques(pepper, rng, repeats):
         return np.array([pinocchio.rnea(model, data, *row) for row in rows])
 
     quality = same(batch()[few], loop())
-    ours, peer = medians(repeats, batch, loop)
-    return "inverse dynamics", "batch", ours / len(q), "loop over Pinocchio", peer / len(q[few]), quality
+    return "inverse dynamics", "batch", len(q), "loop over Pinocchio", len(q[few]), quality, (batch, loop)
 
 
-def twin_step(pepper, rng, repeats):
+def twin_step(pepper, _):
     goal = np.clip(pepper.neutral() + 0.001, pepper.lower_limits, pepper.upper_limits)
     few, twin, reference = STEPS // 10, pk.Twin(pepper, 0.001), np.tile(goal, (STEPS, 1))
 
@@ -112,9 +99,8 @@ def twin_step(pepper, rng, repeats):
             q = q + h * v
         return q
 
-    quality = same(hold(), hold_over_pinocchio())
-    ours, peer = medians(repeats, hold, hold_over_pinocchio)
-    return "step of the twin", "compiled", ours / STEPS, "over Pinocchio", peer / few, quality
+    ways, quality = (hold, hold_over_pinocchio), same(hold(), hold_over_pinocchio())
+    return "step of the twin", "compiled", STEPS, "over Pinocchio", few, quality, ways
 
 
 def same(ours, peers):
@@ -130,50 +116,25 @@ def targets(pepper, rng, count):
 
 
 def states(pepper, rng):
-    shape = (STATES, pepper.n)
-    q = rng.uniform(pepper.lower_limits, pepper.upper_limits, shape)
-    return q, rng.normal(size=shape), rng.normal(size=shape)
+    q = rng.uniform(pepper.lower_limits, pepper.upper_limits, (STATES, pepper.n))
+    return q, rng.normal(size=q.shape), rng.normal(size=q.shape)
 
 
-def medians(repeats, *functions):
-    """Median times of functions that take turns [s]; each runs once before, to compile."""
-    for function in functions:
-        function()
-    turns = [[seconds(function) for function in functions] for _ in range(repeats)]
-    return [statistics.median(column) for column in zip(*turns, strict=True)]
+@figures("benchmarks.md", repeats=1)
+def quick(repeats: int = 5, seed: int = 0) -> Iterator[tuple | str]:
+    """IK, batches and the twin on this machine in a minute, each beside the usual way to do the same.
 
-
-def seconds(function):
-    begin = time.perf_counter()
-    function()
-    return time.perf_counter() - begin
-
-
-def main():
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--json", action="store_true")
-    options = parser.parse_args()
-    pepper, names = (
-        pk.load_pepper().with_requirements("limits"),
-        ("name", "ours", "seconds", "peer", "peer_seconds", "quality"),
-    )
-    measures = (one_ik, many_ik, poses, torques, twin_step)
-    rows = [measure(pepper, np.random.default_rng(options.seed), options.repeats) for measure in measures]
+    The two ways of a row take turns, so that a busy moment of the machine hits both.  What is compiled is
+    compiled before the clock runs.  Results of both ways are compared.
+    """
     machine = f"{platform.machine()}, {os.cpu_count()} processors, {platform.system()}"
-    if options.json:
-        print(json.dumps({"machine": machine, "rows": [dict(zip(names, row, strict=True)) for row in rows]}))
-        return
-    print(f"On {machine}: medians of {options.repeats} turns, one thread.\n")
-    print("| what | fast way | time [us] | other way | time [us] | ratio | results |")
-    print("|---|---|---|---|---|---|---|")
-    for name, ours, own, peer, other, quality in rows:
-        own, other = own * 1e6, other * 1e6
-        print(f"| {name} | {ours} | {own:.2f} | {peer} | {other:.2f} | {other / own:.1f} | {quality} |")
-
-
-if __name__ == "__main__":
-    main()
+    yield f"On {machine}: medians of {repeats} turns, one thread."
+    pepper = pk.load_pepper().with_requirements("limits")
+    for measure in (one_ik, many_ik, poses, torques, twin_step):
+        name, ours, count, peer, few, quality, ways = measure(pepper, np.random.default_rng(seed))
+        spent = in_turn(dict(enumerate(ways)), repeats, time.perf_counter)
+        own, other = 1e6 * np.median(spent[0]) / count, 1e6 * np.median(spent[1]) / few
+        yield (
+            "what | fast way | time [us] {:.2f} | other way | time [us] {:.2f} | ratio {:.1f} | results",
+            name, ours, own, peer, other, other / own, quality,
+        )  # fmt: skip

@@ -1,58 +1,48 @@
-"""Every figure of the docs beside an earlier commit: operations in turn, and the scripts' own tables.
+"""Every figure of the docs by one command each, and operations beside an earlier commit.
 
-Two processes, one with each commit's package, take turns at every operation of `operations.py`; a peer takes
-its turn in the newer one.  Ratios of processor time are compared, so that other load and the machine's speed
-cancel out.  A ratio fell where it is below one by more than three standard errors of its median and by more
-than 4 %, twice in a row, the second time over three times as many turns; then the exit code is 1.
+`NAME [--quick] ...` runs a benchmark and prints its tables as the page has them, `NAME --help` tells its
+options, and `--list` tells names, pages and what each needs.  With `--at COMMIT` right behind the name it
+runs with the package of an earlier commit.  Without a name operations are compared: two processes, one with
+each commit's package, take turns at every operation of `operations.py`; a peer takes its turn in the newer
+one.  Ratios of processor time are compared, so that other load and the machine's speed cancel out.  A
+ratio fell where it is below one by more than three standard errors of its median and by more than 4 %,
+twice in a row, the second time over three times as many turns; then the exit code is 1.  With `--keep` the
+ratios are appended to `history.csv`, which tells what has become faster or slower since its first commit.
 
-With `--keep` the ratios are appended to `history.csv`, which tells what has become faster or slower since the
-first of its commits.  With `--scripts` the commands that the pages in `docs/` name are run as they stand
-there, at either commit by its own scripts, and print their tables; words in capitals are filled in by
-`--fill`.
-
+    python benchmarks/run_all.py ik_rows --rows 5000
     python benchmarks/run_all.py --beside 6fe442b5 --keep
-    python benchmarks/run_all.py --scripts timing --fill PROBLEMS=problems --fill RESOURCES=vamp/resources
+    python benchmarks/run_all.py trajectory --at 6fe442b5 --certificate
 """
 
 from __future__ import annotations
 
 import argparse
 import csv
-import io
 import os
 import re
-import shlex
 import subprocess
 import sys
-import tarfile
 import tempfile
-import time
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, fields
 from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
-from edits import HERE, copy_of
+from harness import HERE, Served, laid_out, listed, run, show
 from operations import OPERATIONS, Operation
 
 HISTORY = HERE / "benchmarks" / "history.csv"
 SHARE, ERRORS = 0.04, 3.0
-COMMAND = re.compile(r"`(?:\w+=\w+ )?(python )?(benchmarks/\w+\.py[^`]*)`")
 
 
 @dataclass(frozen=True)
 class Compared:
-    """An operation at two commits: a row of the history.
+    """An operation at two commits: a row of the history; microseconds are processor time of this machine.
 
-    Attributes:
-        commit: The newer commit; "+" behind it where files were changed since.
-        beside: The earlier one.
-        operation: Name of the operation.
-        microseconds: Processor time of one problem [us]: of this machine, for orientation only.
-        ratio: Time at the earlier commit over the time now; nan where the earlier one cannot do it.
-        error: Standard error of the ratio's median.
-        peer: The peer with its version.
-        over_peer: The peer's time over ours.
+    The newer commit has "+" behind it where files were changed since; the ratio is the time at the earlier
+    commit over that now, nan where the earlier one cannot do it, with the standard error of its median;
+    `over_peer` is the peer's time over ours.
     """
 
     commit: str
@@ -69,43 +59,20 @@ class Compared:
         return self.ratio < 1.0 - max(ERRORS * self.error, SHARE)
 
 
-class Side:
-    """A process that serves operations with the package of one commit.
-
-    Args:
-        package: Folder that holds the package.
-        folder: Where its machine code is kept.
-    """
+class Side(Served):
+    """A process that serves operations with the package of one commit, its machine code kept in a folder."""
 
     def __init__(self, package: Path, folder: Path) -> None:
-        command = [sys.executable, str(HERE / "benchmarks" / "operations.py")]
-        self._process = subprocess.Popen(
-            command,
-            env=environment(package, folder),
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
+        command = sys.executable, HERE / "benchmarks" / "operations.py"
+        super().__init__(*command, env=environment(package, folder))
 
     def ask(self, words: str) -> float:
-        """Return the answer; nan where the operation cannot be done.
-
-        Raises:
-            RuntimeError: The process ended.
-        """
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        print(words, file=self._process.stdin, flush=True)
-        answer = self._process.stdout.readline().strip()
-        if not answer:
-            raise RuntimeError(f"the process ended during {words!r}")
-        if answer.startswith("error"):
+        """Return the answer; nan where the operation cannot be done."""
+        answer = super().ask(words)
+        if isinstance(answer, str):
             print(f"<!-- {words}: {answer} -->")
             return float("nan")
         return float(answer)
-
-    def close(self) -> None:
-        self._process.communicate()
 
 
 def environment(package: Path, folder: Path) -> dict[str, str]:
@@ -160,125 +127,68 @@ def operations(beside: str, turns: int, only: str, folder: Path) -> list[Compare
     head = subprocess.check_output([*git, "rev-parse", "--short=8", "HEAD"], text=True).strip()
     changed = subprocess.check_output([*git, "status", "--porcelain", "pepper_kin", "planners", "urdf"])
     commits = beside, head + ("+" if changed else "")
-    packages = [copy_of(beside, folder / "before"), copy_of(None, folder / "now")]
+    packages = [laid_out(beside, folder / "before"), laid_out(None, folder / "now")]
     sides = [Side(package, folder / f"{package.name} cache") for package in packages]
     past, rows = history(), []
-    print(
-        f"\n| operation | page | now [us] | at {beside} over now | since the first kept | peer over now | |"
-    )
-    print("|---|---|---|---|---|---|---|")
-    for name, operation in OPERATIONS.items():
-        if not re.search(only, f"{name} {operation.page}"):
-            continue
-        row = compared(name, commits, sides, turns)
-        if row.fell:  # other programs can do that once
-            row = compared(name, commits, sides, 3 * turns)
-        rows.append(row)
-        print(line(row, operation, past), flush=True)
+
+    def cells() -> Iterator[tuple]:
+        for name, operation in OPERATIONS.items():
+            if re.search(only, f"{name} {operation.page}"):
+                row = compared(name, commits, sides, turns)
+                if row.fell:  # other programs can do that once
+                    row = compared(name, commits, sides, 3 * turns)
+                rows.append(row)
+                yield cells_of(row, operation, past)
+
+    show(cells())
     for side in sides:
         side.close()
     return rows
 
 
-def line(row: Compared, operation: Operation, past: list[Compared]) -> str:
+def cells_of(row: Compared, operation: Operation, past: list[Compared]) -> tuple:
     """Return a row of the table."""
     chain = [kept.ratio for kept in past if kept.operation == row.operation and np.isfinite(kept.ratio)]
     ratio = f"{row.ratio:.3f} +- {row.error:.3f}" if np.isfinite(row.ratio) else "new"
-    peer = f"{row.over_peer:.1f} ({row.peer})" if row.peer else "-"
-    since = f"{np.prod([*chain, row.ratio]):.2f}" if chain else "-"
     return (
-        f"| {operation.words} | {operation.page} | {row.microseconds:.2f} | {ratio} | {since} | {peer} "
-        f"| {'**slower**' if row.fell else ''} |"
-    )
+        f"operation | page | now [us] {{:.2f}} | at {row.beside} over now | since the first kept {{:.2f}} | "
+        "peer over now | ",
+        operation.words, operation.page, row.microseconds, ratio,
+        np.prod([*chain, row.ratio]) if chain else "-",
+        f"{row.over_peer:.1f} ({row.peer})" if row.peer else "-", "**slower**" if row.fell else "",
+    )  # fmt: skip
 
 
-def commands(only: str) -> list[tuple[str, str]]:
-    """Return the commands that the pages name, each with its page."""
-    pages = sorted(HERE.glob("docs/**/*.md"), key=lambda page: (page.parent.name != "benchmarks", page))
-    named = [(page.stem, *match) for page in pages for match in COMMAND.findall(page.read_text("utf-8"))]
-    found: dict[str, str] = {}
-    for page, _, command in sorted(named, key=lambda row: not row[1]):  # those with "python" first: whole
-        script = command.split()[0]
-        if command != script or not any(other.startswith(script) for other in found):
-            found.setdefault(command, page)
-    return [
-        (command, page)
-        for command, page in found.items()
-        if re.search(only, page) and Path(__file__).name not in command
-    ]
-
-
-def filled(command: str, words: dict[str, str]) -> list[str] | None:
-    """Return a command's words, those in capitals filled in; None where one is missing.
-
-    An option whose word is missing is left out.
-    """
-    found: list[str] = []
-    for word in shlex.split(command):
-        if not re.fullmatch(r"[A-Z]+(/\w+)?", word):
-            found.append(word)
-        elif word.split("/")[0] in words:
-            found.append(word.replace(word.split("/")[0], words[word.split("/")[0]]))
-        elif found[-1].startswith("--"):
-            found.pop()
-        else:
-            return None
-    return found
-
-
-def scripts(beside: str, only: str, words: dict[str, str], minutes: float, folder: Path) -> None:
-    """Run the commands of the pages with the package of either commit, and print what they print."""
-    tree = folder / "tree"  # of the earlier commit: its own scripts, which know its own modules
-    tree.mkdir()
-    packed = subprocess.run(["git", "archive", beside], cwd=HERE, capture_output=True, check=True).stdout
-    with tarfile.open(fileobj=io.BytesIO(packed)) as archive:
-        archive.extractall(tree, filter="data")
-    sides = {
-        beside: (copy_of(beside, folder / "before"), tree),
-        "now": (copy_of(None, folder / "now"), HERE),
-    }
-    for command, page in commands(only):
-        line = filled(command, words)
-        print(f"\n## {page}: `python {command}`\n")
-        if line is None:
-            print("Not run: a word in capitals has no `--fill`.")
-            continue
-        for name, (package, place) in sides.items():
-            if not (place / line[0]).exists():
-                print(f"{name}: there is no such script.\n")
-                continue
-            variables = environment(package, folder / f"{package.name} cache")
-            begin = time.monotonic()
-            try:
-                done = subprocess.run(
-                    [sys.executable, *line], cwd=place, env=variables, capture_output=True, text=True,
-                    timeout=60.0 * minutes,
-                )  # fmt: skip
-                how = "" if done.returncode == 0 else f", exit code {done.returncode}: {done.stderr[-300:]}"
-                text = done.stdout
-            except subprocess.TimeoutExpired as late:
-                how, text = f", ended after {minutes:g} minutes", (late.stdout or b"").decode()
-            print(f"{name}, {time.monotonic() - begin:.0f} s{how}:\n\n{text}", flush=True)
+def at(commit: str, name: str, words: list[str]) -> int:
+    """Run a benchmark with the package of an earlier commit."""
+    with tempfile.TemporaryDirectory() as folder:
+        package = laid_out(commit, Path(folder) / "copy")
+        command = [sys.executable, __file__, name, *words]
+        return subprocess.run(command, env=environment(package, Path(folder) / "cache")).returncode
 
 
 def main() -> int:
     """Print the tables; return 1 where a ratio fell."""
+    if sys.argv[1:] and sys.argv[1] in listed():
+        name, *words = sys.argv[1:]
+        if words[:1] == ["--at"]:
+            return at(words[1], name, words[2:])
+        run(name, words)
+        return 0
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--beside", help="the earlier commit; the last one of the history if left out")
     parser.add_argument("--turns", type=int, default=11)
     parser.add_argument("--only", default="", help="pattern of the operations' names and pages")
     parser.add_argument("--keep", action="store_true", help="append to the history")
-    parser.add_argument("--scripts", nargs="?", const="", help="run the commands of pages; their pattern")
-    parser.add_argument("--fill", action="append", default=[], metavar="WORD=VALUE")
-    parser.add_argument("--minutes", type=float, default=15.0, help="most that a command may take")
+    parser.add_argument("--list", action="store_true", help="names, pages and needs of all benchmarks")
     options = parser.parse_args()
+    if options.list:
+        rows = listed().items()
+        show(("name | page | needs", name, page, needs) for name, (_, page, needs) in rows)
+        return 0
     past = history()
     beside = options.beside or (past[-1].commit.rstrip("+") if past else "HEAD~1")
     with tempfile.TemporaryDirectory() as folder:
-        if options.scripts is not None:
-            words = dict(pair.split("=", 1) for pair in options.fill)
-            scripts(beside, options.scripts, words, options.minutes, Path(folder))
-            return 0
         rows = operations(beside, options.turns, options.only, Path(folder))
     if options.keep:
         keep(rows)

@@ -1,21 +1,12 @@
-"""Latency and frame rate of the live page in software rendering: `python benchmarks/viewer.py`.
+"""Latency and frame rate of the live page in software rendering."""
 
-A headless Chromium draws 800 x 600 pixels on the processor, which also runs the server.  Latency is from a
-dragged target, in the page, to the end of the frame that first shows a body moved by it; pixels are read
-back, so that what is still being drawn counts.  Its parts come from the clock that page and server share.
-The processor time of a frame, of all the browser's processes, tells what a machine can do that has nothing
-else to do: times and rates themselves follow its load.
-
-The browser composes the page as it does on any machine without a graphics card, by the processor
-(`--disable-gpu`); with `--swiftshader-compositor` also that goes through the graphics library.
-"""
-
-import argparse
 import os
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from harness import figures
 
 import pepper_kin as pk
 from pepper_kin.viewer import find_chromium
@@ -25,7 +16,6 @@ from pepper_kin.viewer.server import ViewerServer
 from pepper_kin.viewer.server.planning import show_motion
 
 PANEL = 348  # pixels beside the picture
-DRAGS, SECONDS = 200, 4.0
 MOST_LATENCY, LEAST_RATE = 50.0, 30.0  # [ms], [1/s]: what is asked
 PARTS = (
     "to the server", "next tick, with the servo's step", "back to the page", "wait for a frame", "drawing",
@@ -99,14 +89,14 @@ def processor_time():
     return sum(times[pid] for pid in found - {os.getpid()}) / os.sysconf("SC_CLK_TCK")
 
 
-def frames(page):
+def frames(page, duration):
     """Frames per second, and the processor time of one [ms]."""
     before = processor_time()
-    count, seconds = page.evaluate(FRAMES, SECONDS)
+    count, seconds = page.evaluate(FRAMES, duration)
     return count / seconds, 1000 * (processor_time() - before) / max(count, 1)
 
 
-def drags(page, server):
+def latencies(page, server, count):
     """Drag a target; return the parts of each latency, shape (drags, 5) [ms]."""
     arrived, packed = {}, {}
 
@@ -127,7 +117,7 @@ def drags(page, server):
 
     server.call(note)
     rows = []
-    for stamp, begin, received, begun, drawn in page.evaluate(DRAG, DRAGS):
+    for stamp, begin, received, begun, drawn in page.evaluate(DRAG, count):
         sent = min(when for key, when in packed.items() if key >= stamp)
         rows.append(np.diff([begin, arrived[stamp], sent, received, begun, drawn]))
     return np.array(rows)
@@ -148,42 +138,44 @@ def swinging(pepper):
     return JointMotion(times, start + np.sin(2 * np.pi * times / 2.0)[:, None] * swing)
 
 
-def rates(page, server):
-    """Measure frames of visual geometry alone and of everything; return the rate of the latter [1/s]."""
-    rate = 0.0
+def rates(page, server, seconds):
+    """Yield frames of visual geometry alone and of everything, whose rate is last [1/s]."""
+    head = "shown | level (0 is finest) | frames per second {:.1f} | processor time of one [ms] {:.0f}"
     for what in ("visual", "everything"):
         if what == "everything":
             for layer in server.call(lambda session: session.available):
                 server.call(lambda session, layer=layer: session.show(layer, True))
         page.wait_for_timeout(4000)
-        rate, cost = frames(page)
-        level = page.evaluate("pepperKin.quality.level")
-        print(f"| {what} | {level}, by itself | {rate:.1f} | {cost:.0f} |")
+        rate, cost = frames(page, seconds)
+        yield head, what, f"{page.evaluate('pepperKin.quality.level')}, by itself", rate, cost
         for fixed in range(page.evaluate("Quality.MOVING.length")):
             page.evaluate("(k) => { pepperKin.quality.judge = () => 0; pepperKin.quality.level = k; }", fixed)
             page.wait_for_timeout(500)
-            each, cost = frames(page)
-            print(f"| {what} | {fixed} | {each:.1f} | {cost:.0f} |")
+            yield head, what, fixed, *frames(page, seconds)
         page.evaluate("delete pepperKin.quality.judge")
-    return rate
 
 
-def main():
+@figures("benchmarks/viewer.md", "Chromium, playwright", drags=10, seconds=0.5)
+def viewer(drags=200, seconds=4.0, swiftshader_compositor=False) -> Iterator[tuple | str]:
+    """Latency and frame rate of the live page in software rendering.
+
+    A headless Chromium draws 800 x 600 pixels on the processor, which also runs the server.  Latency is from
+    a dragged target, in the page, to the end of the frame that first shows a body moved by it; pixels are
+    read back, so that what is still being drawn counts.  Its parts come from the clock that page and server
+    share.  The processor time of a frame, of all the browser's processes, tells what a machine can do that
+    has nothing else to do: times and rates themselves follow its load.
+
+    The browser composes the page as it does on any machine without a graphics card, by the processor
+    (`--disable-gpu`); with `--swiftshader-compositor` also that goes through the graphics library.
+    """
     from playwright.sync_api import sync_playwright
 
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument(
-        "--swiftshader-compositor", action="store_true", help="compose by the graphics library"
-    )
-    options = parser.parse_args()
     pepper = pk.load_pepper().with_requirements("limits")
     server = ViewerServer(pepper, port=0)
     server.warm_up()
     with sync_playwright() as playwright:
         flags = [flag for flag in CHROMIUM_FLAGS if flag != "--headless"]
-        flags += [] if options.swiftshader_compositor else ["--disable-gpu"]
+        flags += [] if swiftshader_compositor else ["--disable-gpu"]
         browser = playwright.chromium.launch(executable_path=find_chromium(), args=flags)
         page = browser.new_page(viewport={"width": 800 + PANEL, "height": 600})
         page.goto(server.url)
@@ -191,35 +183,30 @@ def main():
         wait(page, "pepperKin.quality.settled")
         start = pepper.joint_vector({"LShoulderPitch": 0.9, "LElbowRoll": -1.0, "LShoulderRoll": 0.2})
         server.call(lambda session: session.set_joints(start))
-        parts = drags(page, server)
+        parts = latencies(page, server, drags)
         latency = parts.sum(axis=1)
         low, median, high = np.percentile(latency, (10, 50, 90))
-        print(f"From a dragged target to the drawn pose, {len(latency)} drags, ", end="")
-        print(f"level {page.evaluate('pepperKin.quality.level')}; ", end="")
-        print(f"one in ten below {low:.0f}, above {high:.0f} ms:")
-        print("\n| part | median [ms] | mean [ms] |\n|---|---:|---:|")
+        yield (
+            f"From a dragged target to the drawn pose, {len(latency)} drags, "
+            f"level {page.evaluate('pepperKin.quality.level')}; "
+            f"one in ten below {low:.0f}, above {high:.0f} ms:"
+        )
         for name, values in zip((*PARTS, "whole"), (*parts.T, latency), strict=True):
-            print(f"| {name} | {np.median(values):.1f} | {values.mean():.1f} |")
+            yield "part | median [ms] {:.1f} | mean [ms] {:.1f}", name, np.median(values), values.mean()
         shown = show_motion(pepper, swinging(pepper), pk.Scene(), "Swinging")
         server.call(lambda session: session.load(shown, play=True))
         server.call(lambda session: session.set_loop(True))
-        print("\n| shown | level (0 is finest) | frames per second | processor time of one [ms] |")
-        print("|---|---|---:|---:|")
-        rate = rates(page, server)
-        print("\n| what | asked | measured | ok |\n|---|---|---|---|")
-        print(f"| target to drawn pose, median | < {MOST_LATENCY:.0f} ms | {median:.0f} ms |", end="")
-        print(f" {'yes' if median < MOST_LATENCY else 'no'} |")
-        print(
-            f"| frames per second, everything shown, 800 x 600 | >= {LEAST_RATE:.0f} | {rate:.1f} |", end=""
-        )
-        print(f" {'yes' if rate >= LEAST_RATE else 'no'} |")
+        rate = None
+        for row in rates(page, server, seconds):
+            rate = row[3] if "by itself" in str(row[2]) else rate
+            yield row
+        head, what = "what | asked | measured | ok", "frames per second, everything shown, 800 x 600"
+        asked = f"< {MOST_LATENCY:.0f} ms"
+        yield head, "target to drawn pose, median", asked, f"{median:.0f} ms", median < MOST_LATENCY
+        yield head, what, f">= {LEAST_RATE:.0f}", f"{rate:.1f}", rate >= LEAST_RATE
         drawn = page.evaluate(
             "[pepperKin.viewer.renderer.info.render.calls, pepperKin.viewer.renderer.info.render.triangles]"
         )
-        print(f"\nEverything: {drawn[0]} draw calls, {drawn[1]} triangles.")
+        yield f"Everything: {drawn[0]} draw calls, {drawn[1]} triangles."
         browser.close()
     server.close()
-
-
-if __name__ == "__main__":
-    main()

@@ -96,9 +96,9 @@ asked.
   a second; both elbows that open by 1 rad for two seconds while no command is logged (person d).
 
 No value changes by more than its interval when one person's logs are left out: `Fit.without` has these, and
-`benchmarks/reality.py` prints the largest change over its interval.
+`benchmarks/run_all.py reality` prints the largest change over its interval.
 
-`benchmarks/reality.py` prints the numbers by person.
+`benchmarks/run_all.py reality` prints the numbers by person.
 
 """
 

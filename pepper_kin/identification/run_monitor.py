@@ -66,7 +66,7 @@ UNITS = dict(
 
 THRESHOLDS = {STUCK: 25.0, WEAK: 30.0, PAYLOAD: 20.0, SLIP: 10.0, BIAS: 90.0, GEAR: 25.0}
 """Of the cumulative sums: of stuck joints, gears and biases twice the largest sums in an hour of a real
-Pepper's logs, of the others as much above those of healthy twins (`benchmarks/run_monitor.py`)."""
+Pepper's logs, of the others as much above those of healthy twins (`benchmarks/run_all.py run_monitor`)."""
 
 SPREADS = {STUCK: 0.006, WEAK: 0.002, PAYLOAD: 0.1, SLIP: 0.01, BIAS: 0.02, GEAR: 0.006}
 """sigma: [rad], [N m] of the payload, [rad] of a wheel; in runs, a bias has the one of a weak motor."""

@@ -1,35 +1,83 @@
 """Commands that the pages name, and the comparison of commits."""
 
-import math
+from __future__ import annotations
 
+import ast
+import math
+import re
+from pathlib import Path
+
+import harness
 import pytest
 import run_all
 from operations import OPERATIONS
 
+COMMAND = re.compile(r"`(?:\w+=\w+ )?(?:python )?benchmarks/run_all\.py ([a-z]\w+)([^`]*)`")
+
 
 def test_commands_of_the_pages_can_be_given():
-    """Their scripts exist, and take the options that are named."""
-    named = run_all.commands("")
+    """Their benchmarks exist, and their functions take the options that are named."""
+    listed, taken = harness.listed(), {}
+    for file in {module for module, *_ in listed.values()}:
+        text = (harness.HERE / "benchmarks" / f"{file}.py").read_text("utf-8")
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.FunctionDef):
+                taken[node.name] = {argument.arg for argument in node.args.args}
+    pages = harness.HERE.glob("docs/**/*.md")
+    named = [(page, *match) for page in pages for match in COMMAND.findall(page.read_text("utf-8"))]
     assert len(named) > 40
-    for command, page in named:
-        script, *words = command.split()
-        text = (run_all.HERE / script).read_text("utf-8")
-        for option in (word for word in words if word.startswith("--")):
-            assert f'"{option}"' in text, f"{page}: {command}"
+    for page, name, words in named:
+        assert name in listed, page
+        for option in re.findall(r"--([\w-]+)", words):
+            assert option == "quick" or option.replace("-", "_") in taken[name], f"{page}: {name} {words}"
 
 
-def test_words_in_capitals_are_filled_in_or_left_out():
-    words = {"PROBLEMS": "a b", "FOLDER": "c"}
-    assert run_all.filled("x.py PROBLEMS --plan --count 15", words) == [
-        "x.py",
-        "a b",
-        "--plan",
-        "--count",
-        "15",
-    ]
-    assert run_all.filled("x.py --python PATH --full", words) == ["x.py", "--full"]
-    assert run_all.filled("x.py FOLDER/tests", words) == ["x.py", "c/tests"]
-    assert run_all.filled("x.py RESOURCES", words) is None
+def test_every_benchmark_names_a_page():
+    for name, (_, page, _) in harness.listed().items():
+        assert (harness.HERE / "docs" / page).exists(), name
+
+
+@pytest.fixture
+def sized(monkeypatch):
+    """A benchmark of its own, whose options come back."""
+
+    def made(place: Path, count=3, share=1.0, names=("a",), known: Path | None = None, full=False):
+        return ()
+
+    monkeypatch.setattr(harness, "listed", lambda: {"made": ("math", "ik.md", "")})
+    monkeypatch.setattr(harness, "REGISTERED", {})
+    harness.figures("ik.md", count=1)(made)
+    return lambda *words: harness.options_of("made", list(words))
+
+
+def test_options_are_the_parameters_of_a_benchmark(sized):
+    assert sized("x", "5") == {"place": Path("x"), "count": 5}
+    assert sized("x", "--quick") == {"place": Path("x"), "count": 1}
+    assert sized("--place", "x", "--quick", "--count", "2", "--full") == {
+        "place": Path("x"),
+        "count": 2,
+        "full": True,
+    }
+    assert sized("x", "--names", "b", "c", "--share", "0.5")["names"] == ["b", "c"]
+    for wrong in ([], ["x", "--cuont", "1"], ["x", "--count", "many"]):
+        with pytest.raises(SystemExit):
+            sized(*wrong)
+
+
+def test_tables_begin_where_columns_change(capsys):
+    harness.show(
+        [("a | b [us] {:.1f}", "x", 1.25), ("a | b [us] {:.1f}", "y", "-"), "words", ("c | ok", 1, True)]
+    )
+    assert capsys.readouterr().out == (
+        "\n| a | b [us] |\n|---|---|\n| x | 1.2 |\n| y | - |\n\nwords\n\n| c | ok |\n|---|---|\n| 1 | yes |\n"
+    )
+
+
+def test_calls_in_turn_are_timed_by_the_clock():
+    ticks = iter(range(100))
+    spent = harness.in_turn({"a": lambda: None, "b": lambda: next(ticks)}, 2, lambda: next(ticks))
+    assert spent["a"].tolist() == [1, 1]
+    assert spent["b"].tolist() == [2, 2]
 
 
 @pytest.mark.parametrize(
@@ -47,14 +95,14 @@ def test_the_history_tells_what_small_changes_came_to(tmp_path, monkeypatch):
         run_all.keep([row])
     assert [row.commit for row in run_all.history()] == ["1", "2", "3"]
     last = run_all.Compared("4", "3", "plan", 100.0, 0.97, 0.01)
-    assert f"| {0.97**4:.2f} |" in run_all.line(last, OPERATIONS["plan"], run_all.history())
+    assert run_all.cells_of(last, OPERATIONS["plan"], run_all.history())[5] == pytest.approx(0.97**4)
 
 
 @pytest.mark.thorough
 def test_two_commits_take_turns(tmp_path):
     """Here the sources with themselves, and with some that lack what is asked for."""
-    now = run_all.copy_of(None, tmp_path / "now")
-    old = run_all.copy_of(None, tmp_path / "old")
+    now = harness.laid_out(None, tmp_path / "now")
+    old = harness.laid_out(None, tmp_path / "old")
     with (old / "pepper_kin" / "dynamics" / "mass.py").open("a", encoding="utf-8") as file:
         file.write("\n\ndef mass_matrix(*_):\n    raise NotImplementedError\n")
     sides = [run_all.Side(package, tmp_path / "cache") for package in (old, now)]
