@@ -386,7 +386,7 @@ def draw_27_make_data_set() -> None:
     """The ways of the hand in all motions, two postures at their ends, and one of the tables."""
     example = variables_of("27", "--rows", "96")
     pepper, motions = pk.load_pepper(), example["solved"]
-    stage = Stage().scene(pk.collision.scene_file.scene_from_dict(example["job"].scenes[0], "job"))
+    stage = Stage().scene(pk.collision.scene_file.scene_from_dict(example["job"].scenes[0], "job", pk.Scene))
     paths = [pk.kinematics.frame_pose(pepper, row["position"], HAND)[:, :3, 3] for row in motions]
     for path in paths:
         stage.tube(path, ORANGE, 0.003)

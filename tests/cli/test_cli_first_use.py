@@ -23,8 +23,9 @@ def run(*arguments, cwd):
 
 
 def leaves(command):
-    inner = getattr(command, "commands", None)
-    return [command] if inner is None else [leaf for child in inner.values() for leaf in leaves(child)]
+    if not hasattr(command, "commands"):
+        return [command]
+    return [leaf for name in command.list_commands(None) for leaf in leaves(command.commands[name])]
 
 
 def test_help_writes_units_in_words():

@@ -67,7 +67,7 @@ def test_ik_rows_by_forward_kinematics_and_collision_checks(made):
     for q, target in zip(rows["q"][solved], rows["target"][solved], strict=True):
         hand = pk.kinematics.frame_pose(pepper, q, "LArm_effector")[:3, 3]
         assert np.linalg.norm(hand - target) < 1e-3
-    scene = pk.collision.scene_file.scene_from_dict(dataset.job.scenes[0], "job")
+    scene = pk.collision.scene_file.scene_from_dict(dataset.job.scenes[0], "job", pk.Scene)
     assert not pk.collision.in_collision(pepper, rows["q"][solved], scene).any()
     frame = dataset.pandas(["row", "error"])
     assert dataset.polars(["error"])["error"].to_list() == frame["error"].tolist()

@@ -72,7 +72,8 @@ def test_all_libraries_that_checks_name_are_tried(run, tmp_path):
     sections = dict(
         re.findall(r"^## `pepper-kin check (\w+)`$(.*?)(?=^## |\Z)", page, re.MULTILINE | re.DOTALL)
     )
-    commands = get_command(app).commands
+    group = get_command(app)
+    commands = {name: group.get_command(None, name) for name in group.list_commands(None)}
     assert sections.keys() < commands.keys()
     joints = ("RShoulderPitch", "HeadYaw")
     header = "time," + ",".join(f"{joint}_{end}" for joint in joints for end in ("command", "measured"))
