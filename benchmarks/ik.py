@@ -42,7 +42,7 @@ from pepper_kin.ik.batch import CODES, BatchResult
 from pepper_kin.ik.collisions import Collisions
 from pepper_kin.ik.fast import solutions_from
 from pepper_kin.ik.priorities import balanced
-from pepper_kin.ik.problem import Problem, flatten_tasks, make_problem
+from pepper_kin.ik.problem import TaskProblem, flatten_tasks, make_problem
 from pepper_kin.ik.standing import holds, rests
 from pepper_kin.model.requirements import ROOM_TO_MOVE
 
@@ -557,7 +557,7 @@ class NearPairs:
         return self._rows[:count, N], self._rows[:count, :N]
 
 
-def least_cost(problem: Problem, near: NearPairs | None, generator: np.random.Generator) -> float:
+def least_cost(problem: TaskProblem, near: NearPairs | None, generator: np.random.Generator) -> float:
     """Return the least weighted cost that SciPy ends at."""
     index = np.arange(N) if near else np.flatnonzero(problem.movable)
     low, high = LOW[index], HIGH[index]
