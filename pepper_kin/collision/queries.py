@@ -99,10 +99,8 @@ def without_robot(
         InvalidValueError: for a q or points of wrong shape, or with NaN or infinity, a margin below 0, or a
             robot whose shapes the compiled check does not know.
     """
-    from pepper_kin.collision.fast import fast_checker_for
-
     cloud = np.ascontiguousarray(as_finite(points, "points", (None, 3)))
-    return cloud[~fast_checker_for(pepper, scene).near(q, cloud, not_negative("margin", margin))]
+    return cloud[~_checkers()(pepper, scene).near(q, cloud, not_negative("margin", margin))]
 
 
 def clearance(

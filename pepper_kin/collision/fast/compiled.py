@@ -21,7 +21,7 @@ from pepper_kin.core.collision import layout as at
 from pepper_kin.core.collision.check import begin_motion, check_many, check_rows, valid_steps
 from pepper_kin.core.collision.gjk import FREE, TIE
 from pepper_kin.core.collision.layout import EDGE_NUMBERS
-from pepper_kin.core.collision.records import GROUP, LINK
+from pepper_kin.core.collision.records import GROUP, HEAD, LINK
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.kernels import Kernel
 from pepper_kin.model import PepperModel
@@ -197,7 +197,7 @@ class CompiledValidity:
 
     def _named(self, memory: Array) -> Array:
         """Write the scene, margins and `blocked` into a block, shape (memory_size,); return it."""
-        at.section(memory, at.NUMBERS)[at.BLOCKED] = self.blocked
+        HEAD.set_blocked(at.head_of(memory), self.blocked)
         return self._prepared.named(memory, self.margins)
 
     def valid_steps(self, a: ArrayLike, b: ArrayLike, steps: int, memory: Array | None = None) -> int:
@@ -307,7 +307,7 @@ def _placed_by(kernel: Kernel, block: Array, n: int, bodies: int) -> Array:
     """Return a copy of a block, shape (s,), of n joints, in which a kernel places the bodies."""
     longer = at.extended(block, {at.PLACING: np.zeros(-(-kernel.work_size // 2))})
     address = kernel.address_of("block", inputs=n, outputs=NUMBERS * bodies, work=kernel.work_size)
-    at.section(longer, at.NUMBERS)[at.PLACING_KERNEL] = address
+    HEAD.set_placing_kernel(at.head_of(longer), address)
     return longer
 
 
@@ -331,7 +331,7 @@ def _comparing(block: Array, prepared: Prepared, carried: NDArray[np.bool_], *, 
     chosen = [(carried[a] ^ carried[b]).any(axis=1) == moving for a, b in ends]
     count = int(chosen[0].sum())
     at.section_bits(kept, at.LINKS).reshape(-1, LINK.width)[:count] = links[chosen[0]]
-    at.section(kept, at.NUMBERS)[at.LINK_COUNT] = count
+    HEAD.set_links(at.head_of(kept), count)
     moves: NDArray[np.bool_] = np.asarray(carried.any(axis=1))
     groups[moves[groups[:, GROUP.columns.body]] != moving, GROUP.columns.checked] = 0
     at.section(kept, at.PAIRS).reshape(-1, 2)[: int(chosen[1].sum())] = pairs[chosen[1]]

@@ -39,6 +39,7 @@ from pepper_kin.core.collision.records import (
     BALL,
     BODY,
     CORE,
+    HEAD,
     LANE_POSE,
     LINK,
     LINK_PART,
@@ -121,8 +122,9 @@ class Prepared:
     def named(self, memory: Array, margins: tuple[float, float]) -> Array:
         """Write the scene and margins [m] into a block, shape (s,); return it."""
         set_margins(memory, *margins, RANGE_RADIUS)
-        numbers = at.section(memory, at.NUMBERS)
-        numbers[at.SCENE], numbers[at.SCENE_SIZE] = self.scene.address, self.scene.block.size
+        head = at.head_of(memory)
+        HEAD.set_scene(head, self.scene.address)
+        HEAD.set_scene_size(head, self.scene.block.size)
         return memory
 
 
@@ -213,12 +215,15 @@ def _constants(
     )
     covered, exact = coarse[link_parts[:, of_parts.covered]], coarse[link_parts[:, of_parts.exact]]
     link_parts[:, of_parts.touching] = _touching(balls, covered, exact, rounding)
-    numbers = np.zeros(at.NUMBERS_SIZE)
-    numbers[at.N], numbers[at.CLASS_COUNT] = pepper.n, len(structure.classes)
-    numbers[at.GROUP_COUNT], numbers[at.BODY_COUNT] = len(structure.groups), len(tables.bodies)
-    numbers[at.LINK_COUNT] = len(tables.links)
+    head = dict.fromkeys(HEAD.fields, 0) | {
+        "joints": pepper.n,
+        "classes": len(structure.classes),
+        "groups": len(structure.groups),
+        "bodies": len(tables.bodies),
+        "links": len(tables.links),
+    }
     return {
-        at.NUMBERS: numbers,
+        at.NUMBERS: words(np.array(HEAD.row(**head))),
         at.LINKS: words(links),
         at.LINK_PARTS: words(link_parts),
         at.CORES: singles(cores),

@@ -23,6 +23,7 @@ from pepper_kin.core.collision.records import (
     CORE,
     FRAME,
     GROUP,
+    HEAD,
     LANE_POSE,
     LINK,
     LINK_PART,
@@ -115,12 +116,12 @@ class Tables(NamedTuple):
 @compiled
 def tables_of(memory: Array) -> Tables:
     """Return the tables of a block, shape (s,), and of its scene."""
-    numbers, here, scene = at.section(memory, at.NUMBERS), at.address_of, at.scene_of(memory)
+    head, here, scene = at.head_of(memory), at.address_of, at.scene_of(memory)
     return Tables(
-        int(numbers[at.BODY_COUNT]),
-        int(numbers[at.GROUP_COUNT]),
-        int(numbers[at.CLASS_COUNT]),
-        int(numbers[at.LINK_COUNT]),
+        HEAD.bodies(head),
+        HEAD.groups(head),
+        HEAD.classes(head),
+        HEAD.links(head),
         here(memory, at.BODIES),
         here(memory, at.FRAMES),
         here(memory, at.PLACED_AT),
@@ -149,10 +150,10 @@ def tables_of(memory: Array) -> Tables:
         here(memory, at.CLASS_DOUBTS),
         here(memory, at.DOUBTFUL),
         here(memory, at.ORDER),
-        int(numbers[at.PLACING_KERNEL]),
+        HEAD.placing_kernel(head),
         here(memory, at.PLACING),
-        numbers[at.MARGIN],
-        numbers[at.SELF_MARGIN],
+        HEAD.margin(head),
+        HEAD.self_margin(head),
     )
 
 

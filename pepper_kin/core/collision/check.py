@@ -25,7 +25,7 @@ from pepper_kin.core.collision.layout import (
     section_single,
 )
 from pepper_kin.core.collision.narrow_phase import decide_pairs
-from pepper_kin.core.collision.records import BODY
+from pepper_kin.core.collision.records import BODY, HEAD
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import call_kernel, floats_at, words_at
 from pepper_kin.kernels.lanes import (
@@ -58,12 +58,12 @@ def _start(memory: Array, rows: Array, count: int) -> int:
 
     Returns how many are queued.
     """
-    numbers, queue = section(memory, at.NUMBERS), section_bits(memory, at.QUEUE)
+    head, queue = at.head_of(memory), section_bits(memory, at.QUEUE)
     status, heads = section_bits(memory, at.STATUS), section(memory, at.TABLE_HEADS)
     tables, cells = section(memory, at.TABLES), section(memory, at.TABLE_CELLS)
     classes, groups = section_bits(memory, at.ROW_CLASSES), section_bits(memory, at.ROW_GROUPS)
-    n, kept = int(numbers[at.N]), 0
-    violations(heads, tables, cells, numbers[at.RANGE_MARGIN], rows, n, status[:count])
+    n, kept = HEAD.joints(head), 0
+    violations(heads, tables, cells, HEAD.range_margin(head), rows, n, status[:count])
     for i in range(count):
         classes[i] = groups[i] = 0
         queue[kept] = i
@@ -129,7 +129,7 @@ def check_rows(memory: Array, rows: Array, count: int) -> int:
         count: How many, STATES_AT_ONCE at most.
     """
     kept, t, doubts = _start(memory, rows, count), tables_of(memory), 0
-    n, status = int(section(memory, at.NUMBERS)[at.N]), section_bits(memory, at.STATUS)
+    n, status = HEAD.joints(at.head_of(memory)), section_bits(memory, at.STATUS)
     queue, places = section_bits(memory, at.QUEUE), at.address_of(memory, at.COORDINATES)
     for first in range(0, kept, LANES):
         filled = min(LANES, kept - first)
@@ -186,7 +186,7 @@ def _within_ranges(memory: Array, a: Array, b: Array) -> bool:
     rows, n = section(memory, at.ROWS), section(memory, at.FROZEN).size
     _state(memory, 0, a, b, 0.0)
     _state(memory, 1, a, b, 1.0)
-    margin = section(memory, at.NUMBERS)[at.RANGE_MARGIN]
+    margin = HEAD.range_margin(at.head_of(memory))
     return edge_keeps_ranges(heads, tables, margin, rows[:n], rows[n : 2 * n])
 
 
@@ -244,14 +244,10 @@ def _held(memory: Array, a: Array, b: Array, count: int) -> bool:
         b: The same at the end, shape (k,).
         count: Number of states, a multiple of eight.
     """
-    numbers, rows, scratch = (
-        section(memory, at.NUMBERS),
-        section(memory, at.ROWS),
-        section(memory, at.GRAVITY),
-    )
+    head, rows, scratch = at.head_of(memory), section(memory, at.ROWS), section(memory, at.GRAVITY)
     effort, loads = section(memory, at.EFFORT), section(memory, at.LOADS)
     edges, moving, frozen = section(memory, at.EDGES), section(memory, at.FREE), section(memory, at.FROZEN)
-    n, wide, held = int(numbers[at.N]), int(numbers[at.GRAVITY_LANES]), True
+    n, wide, held = HEAD.joints(head), HEAD.gravity_lanes(head), True
     for i in range(n + loads.size):
         for lane in range(wide):
             rows[wide * i + lane] = frozen[i] if i < n else loads[i - n]
@@ -262,7 +258,7 @@ def _held(memory: Array, a: Array, b: Array, count: int) -> bool:
             for k in range(moving.size):
                 value = b[k] if share == 1.0 else a[k] + (b[k] - a[k]) * share
                 rows[wide * int(moving[k]) + lane] = value
-        call_kernel(int(numbers[at.GRAVITY_KERNEL]), rows.ctypes.data, scratch.ctypes.data, work.ctypes.data)
+        call_kernel(HEAD.gravity_kernel(head), rows.ctypes.data, scratch.ctypes.data, work.ctypes.data)
         for i in range(n):
             for lane in range(wide):
                 held = held and abs(scratch[wide * i + lane]) <= effort[i]
@@ -292,9 +288,9 @@ def is_edge_valid(memory: Array, a: Array, b: Array, steps: int) -> bool:
         b: The same at the end, shape (k,).
         steps: Number of states, which is rounded up to a multiple of eight.
     """
-    numbers, t = section(memory, at.NUMBERS), tables_of(memory)
+    head, t = at.head_of(memory), tables_of(memory)
     blocks, waiting = (steps + LANES - 1) // LANES, 0
-    if numbers[at.BLOCKED] > 0 or not (_all_within(a, WIDEST) and _all_within(b, WIDEST)):
+    if HEAD.blocked(head) != 0 or not (_all_within(a, WIDEST) and _all_within(b, WIDEST)):
         return False
     if not _within_ranges(memory, a, b):
         return False
@@ -316,7 +312,7 @@ def is_edge_valid(memory: Array, a: Array, b: Array, steps: int) -> bool:
         waiting = _queue_doubts(memory, t, a, b, waiting, block, blocks)
     if waiting > 0 and not _decided_free(memory, waiting):
         return False
-    return numbers[at.GRAVITY_KERNEL] == 0 or _held(memory, a, b, LANES * blocks)
+    return HEAD.gravity_kernel(head) == 0 or _held(memory, a, b, LANES * blocks)
 
 
 @compiled("void(float64[::1])")
@@ -348,8 +344,9 @@ def begin_motion(memory: Array, frozen: Array, effort: Array, gravity: int, lane
         limits[k] = effort[k]
     for c in range(gaps.size):
         gaps[c] = -np.inf
-    numbers = section(memory, at.NUMBERS)
-    numbers[at.GRAVITY_KERNEL], numbers[at.GRAVITY_LANES] = gravity, lanes
+    head = at.head_of(memory)
+    HEAD.set_gravity_kernel(head, gravity)
+    HEAD.set_gravity_lanes(head, lanes)
     bodies, last = at.address_of(memory, at.BODIES), moves.size - 1
     for b in range(last):
         BODY.set_moves(bodies, 1, b)
@@ -370,9 +367,10 @@ def set_margins(memory: Array, margin: float, self_margin: float, radius: float)
     """
     if memory.size == 0:
         return
-    numbers = section(memory, at.NUMBERS)
-    numbers[at.MARGIN], numbers[at.SELF_MARGIN] = margin, self_margin
-    numbers[at.RANGE_MARGIN] = self_margin / radius
+    head = at.head_of(memory)
+    HEAD.set_margin(head, margin)
+    HEAD.set_self_margin(head, self_margin)
+    HEAD.set_range_margin(head, self_margin / radius)
     section(memory, at.ALLOWANCES)[:] = 0.0
 
 
@@ -388,7 +386,7 @@ def row_verdicts(memory: int, rows: int, count: int, answers: int) -> int:
     """
     spans = floats_at(memory, at.SIZE + 1)
     whole, found = floats_at(memory, int(spans[at.SIZE])), words_at(answers, count)
-    n = int(section(whole, at.NUMBERS)[at.N])
+    n = HEAD.joints(at.head_of(whole))
     doubts = check_rows(whole, floats_at(rows, n * count), count)
     status = section_bits(whole, at.STATUS)
     for i in range(count):

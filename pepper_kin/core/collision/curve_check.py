@@ -13,12 +13,12 @@ from pepper_kin.core.collision.gjk import FREE, TIE
 from pepper_kin.core.collision.joint_ranges import curve_keeps_ranges
 from pepper_kin.core.collision.layout import (
     ALLOWANCES,
-    CLASS_COUNT,
     LEVERS,
-    NUMBERS,
     STATES_AT_ONCE,
+    head_of,
     section,
 )
+from pepper_kin.core.collision.records import HEAD
 from pepper_kin.core.kernel_batch import evaluate_batch
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import call_four
@@ -401,7 +401,7 @@ def _near_ones(
         strictly: Whether the margin to the scene is to be kept by all of an interval.
         motions: See `_pair_motions`, for a step of FIRST.
     """
-    last, classes = step <= FINEST, int(section(check.moving, NUMBERS)[CLASS_COUNT]) if motions.size else 0
+    last, classes = step <= FINEST, HEAD.classes(head_of(check.moving)) if motions.size else 0
     allowances = motions * (step / FIRST)
     for c in range(motions.size if step <= LONGEST else 0):
         if c < classes or not strictly:

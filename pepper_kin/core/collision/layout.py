@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.arrays import Array
+from pepper_kin.core.collision.records import HEAD
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import floats_at
 
@@ -90,6 +91,8 @@ ALIGNMENT = 8
 ) = range(65)
 """Sections, in order; `prepared.py`, `body_tables.py` and `scene_block.py` of `collision/fast` describe them.
 
+NUMBERS is a HEAD.
+
 PLACED_AT counts for each body how often it was placed, and has the count at which the coarse balls of its
 parts were; PARTS_AT has for each part the counts at which its balls, and its cores, were.
 
@@ -105,28 +108,6 @@ are multiplied with."""
 
 BOX, CYLINDER, HULL, OTHER, CLOUD = 0, 1, 2, 3, 4
 """Kinds of cores.  A box may be flat: a segment is the core of a capsule, a point that of a sphere."""
-
-(
-    N,
-    CLASS_COUNT,
-    GROUP_COUNT,
-    BODY_COUNT,
-    LINK_COUNT,
-    SELF_MARGIN,
-    RANGE_MARGIN,
-    MARGIN,
-    GRAVITY_KERNEL,
-    BLOCKED,
-    SCENE,
-    SCENE_SIZE,
-    GRAVITY_LANES,
-    PLACING_KERNEL,
-) = range(14)
-"""Places in the section NUMBERS.  RANGE_MARGIN is to joint ranges what SELF_MARGIN is to pairs [rad];
-SCENE and SCENE_SIZE are the address and the size of the scene's block; GRAVITY_KERNEL takes GRAVITY_LANES
-states side by side.  PLACING_KERNEL is the address of `placing_kernel`, whose work is the section PLACING, or
-0 where bodies are placed one by one."""
-NUMBERS_SIZE = 14
 
 
 @compiled
@@ -144,14 +125,20 @@ def section_single(memory: Array, which: int) -> NDArray[np.float32]:
 @compiled
 def scene_of(memory: Array) -> Array:
     """Return the block of the scene, shape (t,), that a robot's block, shape (s,), names."""
-    numbers = section(memory, NUMBERS)
-    return floats_at(int(numbers[SCENE]), int(numbers[SCENE_SIZE]))
+    head = head_of(memory)
+    return floats_at(HEAD.scene(head), HEAD.scene_size(head))
 
 
 @compiled(inline=True)
 def address_of(memory: Array, which: int) -> int:
     """Return the address of a section of a block, shape (s,)."""
     return int(memory.ctypes.data) + 8 * int(memory[2 * which])
+
+
+@compiled(inline=True)
+def head_of(memory: Array) -> int:
+    """Return the address of the HEAD of a block, shape (s,)."""
+    return address_of(memory, NUMBERS)
 
 
 @compiled

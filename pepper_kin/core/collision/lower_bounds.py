@@ -23,6 +23,7 @@ from pepper_kin.core.collision.records import (
     BALL,
     CORE,
     GROUP,
+    HEAD,
     LINK,
     LINK_PART,
     NODE,
@@ -210,12 +211,8 @@ def _sharpen(memory: Array, scene: Array, bounds: Array, q: Array) -> None:
         bounds: Changed, shape (classes + groups,) [m].
         q: Configuration, shape (n,) [rad or m].
     """
-    numbers, first, pairs = (
-        section(memory, at.NUMBERS),
-        section(memory, at.PAIR_FIRST),
-        section(memory, at.PAIRS),
-    )
-    classes, groups = int(numbers[at.CLASS_COUNT]), int(numbers[at.GROUP_COUNT])
+    head, first, pairs = at.head_of(memory), section(memory, at.PAIR_FIRST), section(memory, at.PAIRS)
+    classes, groups = HEAD.classes(head), HEAD.groups(head)
     if bounds.size == 0 or bounds.min() > SMALL:
         return
     place_solids(memory, q)

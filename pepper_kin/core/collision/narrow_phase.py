@@ -20,7 +20,6 @@ from pepper_kin.core.collision.layout import (
     ALLOWANCES,
     AXES,
     BOX,
-    CLASS_COUNT,
     CLOUD,
     CLOUDS,
     FROZEN,
@@ -32,9 +31,7 @@ from pepper_kin.core.collision.layout import (
     JOINT_POSES,
     JOINTS,
     LEVERS,
-    MARGIN,
     NODES,
-    NUMBERS,
     OTHER,
     PAIR_FIRST,
     PAIR_WORKSPACE,
@@ -44,7 +41,6 @@ from pepper_kin.core.collision.layout import (
     ROOTS,
     ROW_CLASSES,
     ROW_GROUPS,
-    SELF_MARGIN,
     SOLID_HALF,
     SOLID_PLACES,
     SOLID_POSES,
@@ -53,13 +49,13 @@ from pepper_kin.core.collision.layout import (
     VERTEX_FIRST,
     VERTEX_SINGLES,
     VERTICES,
-    N,
     address_of,
+    head_of,
     scene_of,
     section,
     section_bits,
 )
-from pepper_kin.core.collision.records import NODE, POSE, ROOT, SOLID, VECTORS, between, dot
+from pepper_kin.core.collision.records import HEAD, NODE, POSE, ROOT, SOLID, VECTORS, between, dot
 from pepper_kin.core.collision.segments import segment_to_box, segment_to_segment
 from pepper_kin.core.kinematic_tree import JOINT, compose, place_joints
 from pepper_kin.kernels.compiled_function import compiled
@@ -248,8 +244,8 @@ def _scene_verdict(memory: Array, scene: Array, group: int, a: int, slot: int) -
         slot: Place in AXES of its pair with the scene's first object.
     """
     lists, roots, nodes = address_of(scene, ROOT_LISTS), address_of(scene, ROOTS), address_of(scene, NODES)
-    numbers, worst, center = section(memory, NUMBERS), FREE, POSE.at(address_of(memory, SOLID_POSES), a)
-    margin = numbers[MARGIN] + section(memory, ALLOWANCES)[int(numbers[CLASS_COUNT]) + group]
+    head, worst, center = head_of(memory), FREE, POSE.at(address_of(memory, SOLID_POSES), a)
+    margin = HEAD.margin(head) + section(memory, ALLOWANCES)[HEAD.classes(head) + group]
     reach = SOLID.bounding(address_of(memory, SOLIDS), a) + margin + TIE_WIDTH
     for r in range(word_at(lists, group), word_at(lists, group + 1)):
         n, end = ROOT.first_node(roots, r), ROOT.node_end(roots, r)
@@ -309,14 +305,14 @@ def _verdict(memory: Array, classes: int, groups: int, q: Array) -> int:
         groups: Bits of the groups of solids in doubt about the scene; the same.
         q: The configuration, shape (n,) [rad or m].
     """
-    numbers, scene, worst = section(memory, NUMBERS), scene_of(memory), FREE
+    head, scene, worst = head_of(memory), scene_of(memory), FREE
     first, pairs, allowances = (
         section(memory, PAIR_FIRST),
         section(memory, PAIRS),
         section(memory, ALLOWANCES),
     )
-    for c in range(int(numbers[CLASS_COUNT])):
-        margin = numbers[SELF_MARGIN] + allowances[c]
+    for c in range(HEAD.classes(head)):
+        margin = HEAD.self_margin(head) + allowances[c]
         if not (classes >> min(c, 61)) & 1 or _keep_gap(memory, c, q) > margin + TIE_WIDTH:
             continue
         for k in range(int(first[c]), int(first[c + 1])):
@@ -352,14 +348,14 @@ def decide_pairs(memory: Array, rows: Array, count: int, all_free: bool) -> int:
         count: How many.
         all_free: Whether the first that is not free ends it.
     """
-    status, doubts, numbers = section_bits(memory, STATUS), 0, section(memory, NUMBERS)
+    status, doubts, head = section_bits(memory, STATUS), 0, head_of(memory)
     classes, groups = section_bits(memory, ROW_CLASSES), section_bits(memory, ROW_GROUPS)
-    n, least, allowances = int(numbers[N]), numbers[SELF_MARGIN] + TIE_WIDTH, section(memory, ALLOWANCES)
+    n, least, allowances = HEAD.joints(head), HEAD.self_margin(head) + TIE_WIDTH, section(memory, ALLOWANCES)
     for i in range(count):
         if status[i] == FREE and (classes[i] > 0 or groups[i] > 0):
             doubts += 1
             q, left = rows[n * i : n * i + n], 0
-            for c in range(int(numbers[CLASS_COUNT])):
+            for c in range(HEAD.classes(head)):
                 bit = 1 << min(c, 61)
                 if (classes[i] & bit) != 0 and not _stays_apart(memory, c, q, least + allowances[c]):
                     left |= bit
@@ -381,7 +377,7 @@ def pair_verdict(memory: Array, a: int, o: int) -> int:
         o: The object's place in the scene's block.
     """
     place_solids(memory, section(memory, FROZEN))
-    return int(_pair(memory, scene_of(memory), a, o, section(memory, NUMBERS)[MARGIN], 0))
+    return int(_pair(memory, scene_of(memory), a, o, HEAD.margin(head_of(memory)), 0))
 
 
 @compiled("int64(float64[::1], float64[::1], float64[:, ::1], float64, uint8[::1])")

@@ -8,6 +8,18 @@ from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.lanes import lanes
 from pepper_kin.kernels.records import RecordView, double, single, word
 
+HEAD = RecordView(
+    "HEAD",
+    **dict.fromkeys(("joints", "classes", "groups", "bodies", "links"), word),
+    **dict.fromkeys(("margin", "self_margin", "range_margin"), double),
+    **dict.fromkeys(("blocked", "scene", "scene_size"), word),
+    **dict.fromkeys(("gravity_kernel", "gravity_lanes", "placing_kernel"), word),
+)
+"""What a block begins with: numbers of joints, classes of pairs, groups, bodies and links; margins, of which
+`range_margin` is to joint ranges what `self_margin` is to pairs [rad]; whether nothing is free; address and
+size of the scene's block; address of the kernel of what holds still, 0 where that is not checked, and how
+many states it takes side by side; address of `placing_kernel`, whose work is the section PLACING, or 0 where
+bodies are placed one by one."""
 _NAMES = "parent slides coordinate moves first_group group_end coarse first_part part_end"
 BODY = RecordView("BODY", **dict.fromkeys(_NAMES.split(), word))
 """A body: the pose it hangs on, whether it slides, its coordinate, whether it moves, its groups, its coarse

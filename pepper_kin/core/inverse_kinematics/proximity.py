@@ -19,7 +19,7 @@ LEAST_ANGLE = 0.005
 """A joint shall keep this from the ends of a dependent range [rad]."""
 
 
-class Surroundings(NamedTuple):
+class ProximityTable(NamedTuple):
     """A robot in a scene, and what `near_rows` writes, for one thread.
 
     Attributes:
@@ -56,11 +56,11 @@ class Surroundings(NamedTuple):
     apart: float
 
 
-_surroundings_at = table_reader(Surroundings)
+_surroundings_at = table_reader(ProximityTable)
 
 
 @compiled(lean=True)
-def _range_fault(s: Surroundings, k: int, q: Floats1, row: Floats1) -> float:
+def _range_fault(s: ProximityTable, k: int, q: Floats1, row: Floats1) -> float:
     """Return how far one of two joints is off a dependent range, times `lever` [m], or 0; write its slope.
 
     Of the two ways, with the second joint into the range and with the first to where the range is wider, the
@@ -108,7 +108,7 @@ def near_rows(configuration: int, result: int, count: int, memory_address: int) 
         configuration: Address of q, shape (n,) [rad or m].
         result: Address of the rows, shape (count, n + 2) [m/rad or 1, then m].
         count: Rows at most.
-        memory_address: Address of a `TableMemory` of Surroundings.
+        memory_address: Address of a `TableMemory` of ProximityTable.
     """
     s = _surroundings_at(memory_address)
     near, n, apart = s.points, s.joints, s.apart

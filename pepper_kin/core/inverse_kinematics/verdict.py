@@ -5,6 +5,7 @@ from __future__ import annotations
 from pepper_kin.core.collision import layout as at
 from pepper_kin.core.collision.check import check_rows
 from pepper_kin.core.collision.gjk import CONTACT
+from pepper_kin.core.collision.records import HEAD
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import floats_at
 
@@ -19,8 +20,8 @@ def verdict(configuration: int, memory: int, size: int, _: int) -> int:
         size: Doubles in it.
     """
     block = floats_at(memory, size)
-    numbers = at.section(block, at.NUMBERS)
-    if numbers[at.BLOCKED] > 0:
+    head = at.head_of(block)
+    if HEAD.blocked(head) != 0:
         return CONTACT
-    check_rows(block, floats_at(configuration, int(numbers[at.N])), 1)
+    check_rows(block, floats_at(configuration, HEAD.joints(head)), 1)
     return at.section_bits(block, at.STATUS)[0]

@@ -9,7 +9,7 @@ from pepper_kin.collision.fast.near_table import movable, near_table
 from pepper_kin.collision.fast.structure import structure_of
 from pepper_kin.core.collision.distances import near_points
 from pepper_kin.core.inverse_kinematics.local_solver import MOST_NEAR
-from pepper_kin.core.inverse_kinematics.proximity import Surroundings
+from pepper_kin.core.inverse_kinematics.proximity import ProximityTable
 from pepper_kin.kernels.tables import TableMemory
 
 LEVER = 0.3
@@ -34,7 +34,7 @@ def proximity_memory(checker: CollisionChecker, apart: float, most: int = MOST_N
     joints, map_to_tree = len(near.joints), np.asarray(pepper.full_map)
     leaders = np.abs(map_to_tree).argmax(axis=1)
     return TableMemory(
-        Surroundings,
+        ProximityTable,
         near=near,
         points=near_points(near, most, 0),
         leaders=leaders,
