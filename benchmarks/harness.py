@@ -102,7 +102,13 @@ def options_of(name: str, words: list[str]) -> dict[str, Any]:
         parser.add_argument(f"--{key.replace('_', '-')}", type=kinds[key], help=said, **many, **option)
     given = vars(parser.parse_intermixed_args(words))
     options = one.quick if given.pop("quick") else {}
-    options = options | {k: kinds[k](v) for k, v in zip(kinds, given.pop("words"), strict=False)} | given
+    words, parameters = given.pop("words"), inspect.signature(one.make).parameters
+    for key, kind in kinds.items():
+        if words and isinstance(parameters[key].default, tuple):
+            options, words = options | {key: [kind(word) for word in words]}, []
+        elif words:
+            options, words = options | {key: kind(words[0])}, words[1:]
+    options = options | given
     if missing := [key for key in needed if key not in options]:
         parser.error(f"missing: {', '.join(missing)}")
     return options

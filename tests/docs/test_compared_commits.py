@@ -59,6 +59,7 @@ def test_options_are_the_parameters_of_a_benchmark(sized):
         "full": True,
     }
     assert sized("x", "--names", "b", "c", "--share", "0.5")["names"] == ["b", "c"]
+    assert sized("x", "5", "0.5", "b", "c")["names"] == ["b", "c"]
     for wrong in ([], ["x", "--cuont", "1"], ["x", "--count", "many"]):
         with pytest.raises(SystemExit):
             sized(*wrong)
