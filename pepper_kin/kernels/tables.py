@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import Intrinsic, intrinsic
-from pepper_kin.kernels.signatures import Argument, Array, Floats1, Ints1, Record, Scalar, record_of
+from pepper_kin.kernels.signatures import Argument, Array, Floats1, Ints1, RecordType, ScalarType, record_of
 
 
 class TableMemory:
@@ -107,14 +107,14 @@ def take(scratch: Floats1, used: Ints1, size: int) -> Floats1:
 
 def _size(argument: Argument) -> int:
     """How many words a field takes."""
-    if isinstance(argument, Record):
+    if isinstance(argument, RecordType):
         return sum(_size(field) for _, field in argument.fields)
-    return 1 if isinstance(argument, Scalar) else 1 + argument.ndim
+    return 1 if isinstance(argument, ScalarType) else 1 + argument.ndim
 
 
 def _write(words: NDArray[np.int64], argument: Argument, value: Any, name: str) -> Any:
     """Write a field to the words from its first on; return it as it is kept."""
-    if isinstance(argument, Record):
+    if isinstance(argument, RecordType):
         if not isinstance(value, argument.kind):
             raise TypeError(f"{name} is a {argument.kind.__name__}, not {value!r}")
         kept, place = [], 0
@@ -123,7 +123,7 @@ def _write(words: NDArray[np.int64], argument: Argument, value: Any, name: str) 
             place += _size(field)
         return argument.kind(*kept)
     given = np.asarray(value)
-    number = _number(words, argument) if isinstance(argument, Scalar) else None
+    number = _number(words, argument) if isinstance(argument, ScalarType) else None
     axes, dtype = (0, number.dtype) if number is not None else (argument.ndim, argument.dtype)
     if given.ndim != axes or not np.can_cast(given.dtype, dtype, "same_kind"):
         raise TypeError(f"{name} has {axes} axes, of {dtype}; given: shape {given.shape}, {given.dtype}")
@@ -137,19 +137,19 @@ def _write(words: NDArray[np.int64], argument: Argument, value: Any, name: str) 
 
 def _read(words: NDArray[np.int64], argument: Argument) -> Any:
     """Return a field, interpreted, from its first word on."""
-    if isinstance(argument, Record):
+    if isinstance(argument, RecordType):
         values, place = [], 0
         for _, field in argument.fields:
             values.append(_read(words[place:], field))
             place += _size(field)
         return argument.kind(*values)
-    if isinstance(argument, Scalar):
+    if isinstance(argument, ScalarType):
         number = _number(words, argument)[0].item()
         return bool(number) if argument.name == "boolean" else number
     return _array_at(int(words[0]), argument, words[1 : 1 + argument.ndim].tolist())
 
 
-def _number(words: NDArray[np.int64], argument: Scalar) -> Any:
+def _number(words: NDArray[np.int64], argument: ScalarType) -> Any:
     """Return the first word as an array of the number's type."""
     return words[:1].view({"float64": np.float64, "uint64": np.uint64}.get(argument.name, np.int64))
 
