@@ -42,7 +42,7 @@ class StepRules(NamedTuple):
     sparse: bool
 
 
-class Ends(NamedTuple):
+class StepOutcome(NamedTuple):
     """Rewards of a step, and which episodes end; shape (N,) each, written."""
 
     rewards: Floats1
@@ -82,8 +82,10 @@ def greatest_distances(places: Floats3, goals: Floats3, distance: Floats1) -> No
         distance[robot] = math.sqrt(most)
 
 
-@compiled("void(Score, boolean[::1], boolean[::1], int64[::1], StepRules, Ends)")
-def end_step(score: Score, sound: Flags1, anew: Flags1, elapsed: Ints1, rules: StepRules, ends: Ends) -> None:
+@compiled("void(Score, boolean[::1], boolean[::1], int64[::1], StepRules, StepOutcome)")
+def end_step(
+    score: Score, sound: Flags1, anew: Flags1, elapsed: Ints1, rules: StepRules, ends: StepOutcome
+) -> None:
     """Reward a step, and say which episodes it ends.
 
     Args:

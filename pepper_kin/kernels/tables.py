@@ -115,22 +115,23 @@ def _size(argument: Argument) -> int:
 def _write(words: NDArray[np.int64], argument: Argument, value: Any, name: str) -> Any:
     """Write a field to the words from its first on; return it as it is kept."""
     if isinstance(argument, RecordType):
-        if not isinstance(value, argument.kind):
-            raise TypeError(f"{name} is a {argument.kind.__name__}, not {value!r}")
+        kind: Any = argument.kind
+        if not isinstance(value, kind):
+            raise TypeError(f"{name} is a {kind.__name__}, not {value!r}")
         kept, place = [], 0
         for (own, field), part in zip(argument.fields, value, strict=True):
             kept.append(_write(words[place:], field, part, f"{name}.{own}"))
             place += _size(field)
-        return argument.kind(*kept)
+        return kind(*kept)
     given = np.asarray(value)
-    number = _number(words, argument) if isinstance(argument, ScalarType) else None
-    axes, dtype = (0, number.dtype) if number is not None else (argument.ndim, argument.dtype)
+    number: Any = _number(words, argument) if isinstance(argument, ScalarType) else None
+    axes, dtype = (0, number.dtype) if isinstance(argument, ScalarType) else (argument.ndim, argument.dtype)
     if given.ndim != axes or not np.can_cast(given.dtype, dtype, "same_kind"):
         raise TypeError(f"{name} has {axes} axes, of {dtype}; given: shape {given.shape}, {given.dtype}")
     if number is not None:
         number[0] = given
         return value
-    array = given.astype(argument.dtype, order="C", copy=False)
+    array = given.astype(dtype, order="C", copy=False)
     words[: 1 + array.ndim] = array.ctypes.data, *array.shape
     return array
 

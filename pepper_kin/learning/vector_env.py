@@ -13,7 +13,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from pepper_kin.arrays import Array
-from pepper_kin.core.episodes import Ends, Score, Seen, StepRules, begin_episodes, end_step, observe
+from pepper_kin.core.episodes import Score, Seen, StepOutcome, StepRules, begin_episodes, end_step, observe
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.learning.picture import MOST_DRAWN, EpisodeCamera
 from pepper_kin.learning.randomization import Randomization
@@ -231,9 +231,11 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
         self._met = np.where(met, self._met + 1, 0)
         return Score(distance, cost, self._met >= self.task.duration, failed)
 
-    def _end_step(self, score: Score, sound: np.ndarray, anew: np.ndarray) -> Ends:
+    def _end_step(self, score: Score, sound: np.ndarray, anew: np.ndarray) -> StepOutcome:
         """Return the rewards, and which episodes end; a step that begins one, shape (N,), has neither."""
-        ends = Ends(np.empty(self.num_envs), np.empty(self.num_envs, bool), np.empty(self.num_envs, bool))
+        ends = StepOutcome(
+            np.empty(self.num_envs), np.empty(self.num_envs, bool), np.empty(self.num_envs, bool)
+        )
         end_step(score, np.ascontiguousarray(sound), anew, self.elapsed, self._rules, ends)
         self._met[anew], self._ended = 0, ends.terminated | ends.truncated
         return ends

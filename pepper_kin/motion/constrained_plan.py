@@ -23,7 +23,7 @@ from pepper_kin.motion.costed_plan import FIRST_STEPS, MOST_ITERATIONS, figures_
 from pepper_kin.motion.goals import STAYS, fault_of_start, free_joints, goals_of, is_there
 from pepper_kin.motion.margins import falling_problems, narrowest, relaxation_sentence
 from pepper_kin.motion.obstruction import why_no_path
-from pepper_kin.motion.path_costs import Figures, PathCost, PathCosts
+from pepper_kin.motion.path_costs import PathCost, PathCosts, PathFigures
 from pepper_kin.motion.plan_request import CheckedRequest, PlanOptions, PlanRequest
 from pepper_kin.motion.plan_result import Plan, PlanStatus
 from pepper_kin.motion.problem import Ends, PathProblem
@@ -164,7 +164,7 @@ class _Along:
 
     def cheapest(
         self, path: planners.Path, costs: PathCosts, plain: Array | None
-    ) -> tuple[Array | None, Figures | None, Figures | None]:
+    ) -> tuple[Array | None, PathFigures | None, PathFigures | None]:
         """Return way-points of a path of little cost, its figures, and those of one without regard to costs.
 
         Args:

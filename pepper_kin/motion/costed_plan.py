@@ -20,7 +20,7 @@ from pepper_kin.model.requirements import Balance, TorqueScale
 from pepper_kin.motion.goals import ends_of
 from pepper_kin.motion.margins import falling_problems, narrowest, relaxation_sentence
 from pepper_kin.motion.obstruction import why_no_path
-from pepper_kin.motion.path_costs import Figures, PathCost, PathCosts
+from pepper_kin.motion.path_costs import PathCost, PathCosts, PathFigures
 from pepper_kin.motion.path_search import PathSearch
 from pepper_kin.motion.plan_request import PlanOptions, PlanRequest, refuse_what_cannot_drive
 from pepper_kin.motion.plan_result import Plan, PlanStatus
@@ -130,7 +130,7 @@ def costed_path(asked: PlanRequest) -> Plan:
     return ended.solved(checks.exact, path, message, curve, **more)
 
 
-def words(path: Array, found: Figures, before: Figures | None) -> str:
+def words(path: Array, found: PathFigures, before: PathFigures | None) -> str:
     """Return what a path, shape (m, n), costs, and what it costs more than one that is short only."""
     text = f"Path of {len(path)} way-points; its costs are {found.integrals.sum():.3g} m"
     if before is None:
@@ -166,7 +166,7 @@ class _CheapSearch:
         self.first = next(iter(self._path(self.result)), None)
         self._deadline = deadlines[1]
 
-    def cheapest(self) -> tuple[Array | None, Figures | None, Figures | None]:
+    def cheapest(self) -> tuple[Array | None, PathFigures | None, PathFigures | None]:
         """Return way-points, shape (m, n), their figures, and those of the way without regard to costs.
 
         The former two are None where no spline is clear.
@@ -229,7 +229,7 @@ class _CheapSearch:
         return best
 
 
-def figures_of(problem: PathProblem, costs: PathCosts, points: Array) -> Figures:
+def figures_of(problem: PathProblem, costs: PathCosts, points: Array) -> PathFigures:
     """Return length and costs of the spline through way-points, shape (m, n)."""
     weights = np.zeros(problem.start.size)
     weights[problem.free] = problem.metric.weights

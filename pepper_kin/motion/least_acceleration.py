@@ -92,7 +92,7 @@ class PathNodes(NamedTuple):
 
 
 class _Point(NamedTuple):
-    """Tasks and objective at x, shape (K, k): of its moving joints, in units of `PathProblem.scale`.
+    """Tasks and objective at x, shape (K, k): of its moving joints, in units of `NodeProblem.scale`.
 
     Attributes:
         x: See above.
@@ -143,7 +143,7 @@ class _Model(NamedTuple):
         return -np.einsum("knr,kr->kn", self.inverse, residual)
 
 
-class PathProblem(NamedTuple):
+class NodeProblem(NamedTuple):
     """The problem of one set of nodes; the first node is where the robot is.
 
     Attributes:

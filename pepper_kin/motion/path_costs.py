@@ -105,7 +105,7 @@ class CostAlong(NamedTuple):
     highest: float
 
 
-class Figures(NamedTuple):
+class PathFigures(NamedTuple):
     """Of a curve: its length in the metric [m], integrals, means and maxima of the prices, shapes (k,)."""
 
     length: float
@@ -193,7 +193,7 @@ class PathCosts:
         )
         return planners.StateCost(code, int(free.size))
 
-    def figures(self, curve: CubicPath, weights: Array) -> Figures:
+    def figures(self, curve: CubicPath, weights: Array) -> PathFigures:
         """Return length, integrals, means and maxima along a curve.
 
         Args:
@@ -208,9 +208,9 @@ class PathCosts:
         integrals = steps @ prices
         ends = self.prices(curve.at(np.append(np.arange(spans.size), -1), np.append(0 * spans, spans[-1])))
         highest = np.maximum(prices.max(axis=0), ends.max(axis=0))
-        return Figures(length, integrals, integrals / length, highest)
+        return PathFigures(length, integrals, integrals / length, highest)
 
-    def along(self, found: Figures, before: Figures | None) -> tuple[CostAlong, ...]:
+    def along(self, found: PathFigures, before: PathFigures | None) -> tuple[CostAlong, ...]:
         """Return what a plan states.
 
         Args:

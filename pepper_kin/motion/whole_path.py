@@ -23,7 +23,7 @@ from pepper_kin.model import PepperModel
 from pepper_kin.motion.checks import checks_for
 from pepper_kin.motion.follow_result import Followed, FollowStatus, NotFollowedError, words_for_aside
 from pepper_kin.motion.goals import fault_of
-from pepper_kin.motion.least_acceleration import PathNodes, PathProblem
+from pepper_kin.motion.least_acceleration import NodeProblem, PathNodes
 from pepper_kin.motion.path_barriers import PathBarriers
 from pepper_kin.motion.static_limits import StaticLimits
 from pepper_kin.motion.task_path import TaskPath
@@ -291,7 +291,7 @@ class WholePath:
         if preferences is not None:
             self._idle &= ~preferences(q)[1].any(axis=(0, 1))
         held = np.where(self._idle, max(nearness, self._rest), nearness)
-        problem = PathProblem(
+        problem = NodeProblem(
             nodes, rows, preferences, self._barriers, self._scale, limits, near, np.tile(held, (len(s), 1)),
             path.moving,
         )  # fmt: skip

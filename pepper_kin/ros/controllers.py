@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pepper_kin.naoqi.joint_names import ACTUATED, HEAD, LEFT_ARM, LEG, RIGHT_ARM
-from pepper_kin.ros.following import TrajectoryTask
+from pepper_kin.ros.following import ControllerTask
 from pepper_kin.ros.joint_trajectory import (
     ErrorCode,
     StartState,
@@ -71,9 +71,9 @@ class Controller(ActionServer):
 
     def __init__(self, node: RobotNode, name: str, joints: Sequence[str]) -> None:
         self.node, self.name, self.joints = node, name, tuple(joints)
-        self.task: TrajectoryTask | LiveGoal | None = None
+        self.task: ControllerTask | LiveGoal | None = None
         self._rows = [node.body.index[joint] for joint in joints]
-        self._goals: dict[bytes, TrajectoryTask | LiveGoal] = {}
+        self._goals: dict[bytes, ControllerTask | LiveGoal] = {}
         self._canceled: set[bytes] = set()
         node.listen(f"/{name}/joint_trajectory", TRAJECTORY, self.on_trajectory)
         node.offer_action(f"/{name}/follow_joint_trajectory", ACTION, self)
@@ -86,7 +86,7 @@ class Controller(ActionServer):
         except TrajectoryRefusedError as error:
             logger.warning("%s: refused: %s", self.name, error)
 
-    def follow(self, message: Any, handle: ServerGoal | None = None) -> TrajectoryTask | LiveGoal:
+    def follow(self, message: Any, handle: ServerGoal | None = None) -> ControllerTask | LiveGoal:
         """Follow a trajectory, or go to its end by a live motion, from now or the time in its header.
 
         Args:
@@ -112,9 +112,9 @@ class Controller(ActionServer):
             rates = np.array([body.command_rate(name) for name in names])
             trajectory = trajectory_of(message, StartState(body.command[rows], rates, lower, upper))
             delay = self._delay(message, trajectory.duration)
-            task: TrajectoryTask | LiveGoal
+            task: ControllerTask | LiveGoal
             if live is None:
-                task = TrajectoryTask(trajectory, path, end, late, delay=delay)
+                task = ControllerTask(trajectory, path, end, late, delay=delay)
             else:
                 patience = stated or float("inf")
                 task = live.goal(trajectory, path, end, late, delay=delay, patience=patience)

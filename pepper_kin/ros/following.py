@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from pepper_kin.naoqi.body import Body
 
 
-class TrajectoryTask(BodyTask):
+class ControllerTask(BodyTask):
     """The joints of a trajectory along it, watched by tolerances.
 
     Args:

@@ -33,7 +33,7 @@ _THERE, _STILL = 1e-6, 1e-6  # [rad or m], [rad/s or m/s]
 
 
 class LiveGoal(BodyTask):
-    """The joints of a trajectory to its end, by a live motion, watched by tolerances; see `TrajectoryTask`.
+    """The joints of a trajectory to its end, by a live motion, watched by tolerances; see `ControllerTask`.
 
     Args:
         drive: What moves the joints.

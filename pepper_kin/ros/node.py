@@ -17,7 +17,7 @@ from pepper_kin.ros.commands import Commands
 from pepper_kin.ros.controllers import CONTROLLERS, TRAJECTORY, Controller
 from pepper_kin.ros.driver_services import DriverServices
 from pepper_kin.ros.errors import NotCarriedError
-from pepper_kin.ros.following import BrakeTask, TrajectoryTask
+from pepper_kin.ros.following import BrakeTask, ControllerTask
 from pepper_kin.ros.kinematics_services import KinematicsServices
 from pepper_kin.ros.live_goals import LiveBrake, LiveDrive
 from pepper_kin.ros.message_parts import time_message
@@ -176,7 +176,7 @@ class RobotNode(Closable):
     def replace(self, resources: Sequence[str]) -> None:
         """End what moves any of these, for a task that takes over at its speed; called with the lock held."""
         for task in self.body.tasks.using(resources):
-            if isinstance(task, TrajectoryTask):
+            if isinstance(task, ControllerTask):
                 task.replaced = True
                 rest = sorted(task.resources.difference(resources))
                 if rest:
