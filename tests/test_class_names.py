@@ -7,10 +7,8 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 
 TWICE = {
-    "Body": "what NAOqi's modules command, and a robot's or a scene's body in `collision`: both are public",
     "Camera": "qiBullet's name, and a sensor of the twin",
     "Joint": "qiBullet's name, and a joint of a URDF",
-    "JointMotion": "public in `collision` and `viewer`",
     "Laser": "qiBullet's name, and a sensor of the twin",
     "Sensor": "qiBullet's name, and a sensor of the twin",
 }

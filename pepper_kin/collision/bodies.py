@@ -28,7 +28,7 @@ ROBOT, ATTACHED, WORLD = "robot", "attached", "world"
 
 
 @dataclass(frozen=True, eq=False)
-class Body:
+class CollisionBody:
     """One solid.
 
     Attributes:
@@ -78,7 +78,7 @@ class Body:
         return pinocchio.GeometryObject(self.label, self.joint, self.frame, placement, shape)
 
 
-def bodies(pepper: PepperModel, scene: Scene, geometry_type: str = "collision") -> tuple[Body, ...]:
+def bodies(pepper: PepperModel, scene: Scene, geometry_type: str = "collision") -> tuple[CollisionBody, ...]:
     """Return all solids: those of the robot, then attached ones, then the world's.
 
     Raises:
@@ -104,7 +104,7 @@ def check_geometry_type(geometry_type: str) -> None:
 @kept_for_robot(most=64)
 def moving_bodies(
     pepper: PepperModel, attached: tuple[AttachedObject, ...], geometry_type: str = "collision"
-) -> tuple[Body, ...]:
+) -> tuple[CollisionBody, ...]:
     """Return the solids of the robot, the same whatever it holds, then those of what hangs on it."""
     if attached:
         return (*moving_bodies(pepper, (), geometry_type), *_attached(pepper, attached))
@@ -116,14 +116,14 @@ def solid_objects(scene: Scene) -> list[SceneObject]:
     return [item for item in scene.objects.values() if not is_empty(item.geometry)]
 
 
-def world_body(item: SceneObject) -> Body:
+def world_body(item: SceneObject) -> CollisionBody:
     """Return the solid of an object of the world."""
     pose, label = item.transform_object_to_world, f"scene/{item.name}"
-    return Body(item.name, WORLD, None, 0, 0, item.geometry, pose, label)
+    return CollisionBody(item.name, WORLD, None, 0, 0, item.geometry, pose, label)
 
 
 def checked_pairs(
-    pepper: PepperModel, scene: Scene, solids: tuple[Body, ...], geometry_type: str = "collision"
+    pepper: PepperModel, scene: Scene, solids: tuple[CollisionBody, ...], geometry_type: str = "collision"
 ) -> NDArray[np.intp]:
     """Return places of the pairs of solids that are checked, the world's second, in order, shape (k, 2).
 
@@ -142,7 +142,7 @@ def checked_pairs(
 
 
 def moving_pairs(
-    pepper: PepperModel, scene: Scene, solids: tuple[Body, ...], geometry_type: str = "collision"
+    pepper: PepperModel, scene: Scene, solids: tuple[CollisionBody, ...], geometry_type: str = "collision"
 ) -> list[tuple[int, int]]:
     """Return places of the pairs of the robot's solids, and those it holds, that are checked.
 
@@ -205,20 +205,22 @@ def _frames(names: tuple[str, ...]) -> frozenset[str]:
     return frozenset(names)
 
 
-def _robot(pepper: PepperModel, geometry_type: str) -> Iterator[Body]:
+def _robot(pepper: PepperModel, geometry_type: str) -> Iterator[CollisionBody]:
     shapes = pepper.collision_shapes if geometry_type == "collision" else pepper.visual_shapes
     for shape in shapes:
         frame, joint, pose = _on_frame(pepper, shape.link, shape.transform_shape_to_link)
-        yield Body(shape.link, ROBOT, shape.link, frame, joint, shape.geometry, pose, shape.name)
+        yield CollisionBody(shape.link, ROBOT, shape.link, frame, joint, shape.geometry, pose, shape.name)
 
 
-def _attached(pepper: PepperModel, attached: tuple[AttachedObject, ...]) -> Iterator[Body]:
+def _attached(pepper: PepperModel, attached: tuple[AttachedObject, ...]) -> Iterator[CollisionBody]:
     for item in attached:
         if is_empty(item.geometry):
             continue
         frame, joint, pose = _on_frame(pepper, item.frame, item.transform_object_to_frame)
         may_touch, label = _links_of_hand(pepper, joint) | set(item.touch_links), f"attached/{item.name}"
-        yield Body(item.name, ATTACHED, item.frame, frame, joint, item.geometry, pose, label, may_touch)
+        yield CollisionBody(
+            item.name, ATTACHED, item.frame, frame, joint, item.geometry, pose, label, may_touch
+        )
 
 
 def _on_frame(pepper: PepperModel, name: str, pose: np.ndarray) -> tuple[int, int, np.ndarray]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_kin.arrays import Array
-from pepper_kin.collision.bodies import WORLD, Body, GeometryType, bodies, checked_pairs
+from pepper_kin.collision.bodies import WORLD, CollisionBody, GeometryType, bodies, checked_pairs
 from pepper_kin.collision.scene import Scene
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import check_choice
@@ -31,7 +31,7 @@ class CheckedShapes:
         self._pepper, self._scene, self._geometry_type = pepper, scene, geometry_type
 
     @cached_property
-    def bodies(self) -> tuple[Body, ...]:
+    def bodies(self) -> tuple[CollisionBody, ...]:
         """The solids, the world's last."""
         return bodies(self._pepper, self._scene, self._geometry_type)
 
@@ -105,7 +105,7 @@ class CheckedShapes:
         return np.flatnonzero(~(boxed[self.pairs[0]] & boxed[self.pairs[1]]))
 
 
-def _bounding_ball(body: Body) -> tuple[Array, float]:
+def _bounding_ball(body: CollisionBody) -> tuple[Array, float]:
     """Return center, in the frame of coal's shape, and radius [m]; for a half-space, a point on it."""
     shape = body.geometry_object.geometry
     if body.is_half_space:
@@ -113,10 +113,10 @@ def _bounding_ball(body: Body) -> tuple[Array, float]:
     return np.array(shape.aabb_center), float(shape.aabb_radius)
 
 
-def _has_box(body: Body) -> bool:
+def _has_box(body: CollisionBody) -> bool:
     return not body.is_half_space and body.geometry_object.geometry.aabb_local.volume() > 0
 
 
-def _plane_normal(body: Body) -> Array:
+def _plane_normal(body: CollisionBody) -> Array:
     """Return the direction out of a half-space in the world, shape (3,)."""
     return np.array(body.geometry_object.placement.rotation @ body.geometry_object.geometry.n)

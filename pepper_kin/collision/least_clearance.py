@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pepper_kin.arrays import Array, BriefRepr
-from pepper_kin.collision.bodies import Body
+from pepper_kin.collision.bodies import CollisionBody
 from pepper_kin.collision.checked_shapes import CheckedShapes, PairsTo
 from pepper_kin.collision.checker import CollisionChecker, checker_for
 from pepper_kin.collision.contact import Clearance, ClosestPair
@@ -372,7 +372,7 @@ def _known(pepper: PepperModel, shapes: CheckedShapes) -> _Known:
     return _Known(pepper, shapes)
 
 
-def _solid(body: Body) -> tuple[Array, bool]:
+def _solid(body: CollisionBody) -> tuple[Array, bool]:
     """Return the `SOLID` numbers of the solid that holds a body, and whether it is the body."""
     import coal
 

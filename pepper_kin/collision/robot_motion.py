@@ -21,7 +21,7 @@ from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vector
 
 
-class JointMotion(Protocol):
+class PolynomialMotion(Protocol):
     """A motion of joints, as `pepper_kin.Trajectory` is one: pieces of polynomials."""
 
     joint_names: tuple[str, ...]
@@ -44,7 +44,7 @@ class RobotMotion:
     """
 
     robot: PepperModel
-    motion: JointMotion
+    motion: PolynomialMotion
     transform_base_to_world: Array
     links: tuple[str, ...]
 
@@ -106,7 +106,7 @@ class LinkPath(FrozenArrays):
 
 
 def objects_of_robot(
-    name: str, robot: PepperModel, q: ArrayLike | JointMotion, pose: ArrayLike, begin: float, meshes: str
+    name: str, robot: PepperModel, q: ArrayLike | PolynomialMotion, pose: ArrayLike, begin: float, meshes: str
 ) -> Iterator[SceneObject]:
     """Yield the collision shapes of a robot as obstacles; see `Scene.add_robot`."""
     if not isinstance(robot, PepperModel):
@@ -117,7 +117,7 @@ def objects_of_robot(
     links = tuple(dict.fromkeys(shape.link for shape in robot.collision_shapes))
     path: RobotMotion | None = None
     if hasattr(q, "coefficients"):
-        motion: JointMotion = q  # type: ignore[assignment]
+        motion: PolynomialMotion = q  # type: ignore[assignment]
         if tuple(motion.joint_names) != robot.joint_names:
             raise InvalidValueError(
                 f"joints of the motion of {name!r}",

@@ -46,7 +46,7 @@ from pepper_kin.model.joint_vectors import as_finite, as_numbers
 from pepper_kin.model.shapes import rotation_to_axis
 
 if TYPE_CHECKING:
-    from pepper_kin.collision.robot_motion import JointMotion
+    from pepper_kin.collision.robot_motion import PolynomialMotion
 
 robot_motion = lazy_module("pepper_kin.collision.robot_motion")
 
@@ -350,7 +350,7 @@ class Scene:
         self,
         name: str,
         robot: PepperModel,
-        q: ArrayLike | JointMotion,
+        q: ArrayLike | PolynomialMotion,
         pose: ArrayLike | None = None,
         *,
         begin: float = 0.0,

@@ -10,7 +10,7 @@ import numpy as np
 
 from pepper_kin.arrays import Array
 from pepper_kin.collision import HalfSpace, Scene
-from pepper_kin.collision.bodies import WORLD, Body, bodies
+from pepper_kin.collision.bodies import WORLD, CollisionBody, bodies
 from pepper_kin.collision.coal_shapes import coal_geometry
 from pepper_kin.collision.solids import SceneGeometry, padding
 from pepper_kin.core.simulation.narrow_phase import (
@@ -150,7 +150,7 @@ def _shape(geometry: SceneGeometry) -> tuple[Any, float]:
     return coal_geometry(geometry), padding(geometry)
 
 
-def _geometry_of(body: Body, shapes: Iterator[Any], scene: Scene) -> Any:
+def _geometry_of(body: CollisionBody, shapes: Iterator[Any], scene: Scene) -> Any:
     if body.kind == "robot":
         return next(shapes).geometry
     held = scene.objects if body.kind == WORLD else scene.attached
