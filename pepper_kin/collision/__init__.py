@@ -1,19 +1,19 @@
 """Collision of the robot with itself and the world.
 
     Scene, SceneObject, AttachedObject        frozen: obstacles and attached objects
-    HalfSpace, ConvexMesh, TriangleMesh, PointCloud   geometries of objects, beside those of `model`
-    in_collision, clearance                   verdicts and least distances, of one state or many
+    HalfSpace, ConvexMesh, TriangleMesh, PointCloud   geometries of objects, in addition to those of `model`
+    in_collision, clearance                   collision checks and minimum distances, of one state or many
     closest_pair, ClosestPair, contacts, Contact
     near_pairs, NearPairs                     all pairs within a distance, with gradients
-    least_clearance, LeastClearance           the least distance along many states
-    clearance_along, Clearance                the same to itself and to obstacles apart
+    least_clearance, LeastClearance           the minimum distance along many states
+    clearance_along, Clearance                the minimum distances to itself and to obstacles, separately
     approach_speed                            a bound on the speed at which bodies come nearer
     without_robot                             the points of a cloud that are not on the robot
-    loads_of, load_torque, load_wrench        what attached objects and payloads add to torques and wrenches
-    CollisionChecker, checker_for             one robot in one scene, kept for many calls
+    loads_of, load_torque, load_wrench        torques and wrenches of attached objects and payloads
+    CollisionChecker, checker_for             one robot in one scene, reused by many calls
 
-`scene=None` means the same in every package: nothing stands around the robot, but the robot is still checked
-against itself.  Functions that can ignore collisions take `collisions=False`, and their reports state it.
+`scene=None` means the same in every package: there are no obstacles, but the robot is still checked against
+itself.  Functions that can ignore collisions take `collisions=False`, and their reports state it.
 """
 
 from pepper_kin.call_errors import name_options

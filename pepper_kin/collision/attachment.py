@@ -1,4 +1,4 @@
-"""Taking an obstacle into a hand, and putting it back into the world."""
+"""Attaching an obstacle to a frame of the robot, and releasing it into the world."""
 
 from __future__ import annotations
 
@@ -24,22 +24,22 @@ def attached(
     mass: float,
     center_of_mass: ArrayLike | None,
 ) -> AttachedObject:
-    """Return an obstacle as an object that hangs on a frame; see `Scene.attach`.
+    """Return an obstacle as an object that is attached to a frame; see `Scene.attach`.
 
     Args:
         item: The obstacle.
-        frame: The frame of the robot on which it hangs.
-        transform_object_to_frame: Its pose in the frame, with a translation [m], shape (4, 4); or None.
-        pepper: Without a pose, the robot that takes it where it stands.
-        q: The robot's joint positions then [rad or m], shape (n,).
-        touch_links: Links that it may touch.
-        mass: [kg]; 0 where it does not count.
-        center_of_mass: In the object's frame [m], shape (3,); None: its centroid.
+        frame: Frame of the robot to which it is attached.
+        transform_object_to_frame: Pose of the object in the frame, translation in [m], shape (4, 4); or None.
+        pepper: Without a pose, the robot that grasps the object at its current pose in the world.
+        q: Joint positions of that robot [rad or m], shape (n,).
+        touch_links: Links that the object may touch.
+        mass: Mass [kg]; 0 if it does not count.
+        center_of_mass: Center of mass in the object's frame [m], shape (3,); None: its centroid.
 
     Raises:
         UnknownNameError: for a frame or link that a given robot lacks.
-        InvalidValueError: for neither or both of transform and robot, or a bad one; for a mass or center of
-            mass that is none.
+        InvalidValueError: for neither or both of transform and robot, or an invalid one; for an invalid mass
+            or center of mass.
     """
     links = (touch_links,) if isinstance(touch_links, str) else tuple(touch_links)
     has_pose = transform_object_to_frame is not None
@@ -61,7 +61,7 @@ def attached(
 
 
 def released(item: AttachedObject, pepper: PepperModel, q: ArrayLike) -> SceneObject:
-    """Return an attached object as an obstacle where the robot has it at q, shape (n,) [rad or m].
+    """Return an attached object as an obstacle at its pose at q, shape (n,) [rad or m].
 
     Raises:
         UnknownNameError: for a frame that the robot lacks.

@@ -1,4 +1,4 @@
-"""The solids of a checker: parts of the robot, what hangs on it and what stands around it."""
+"""Collision bodies of a checker: parts of the robot, attached objects and obstacles of the world."""
 
 from __future__ import annotations
 
@@ -22,25 +22,25 @@ from pepper_kin.model.joint_vectors import check_choice
 from pepper_kin.model.moving_tree import moving_tree
 
 GeometryType = Literal["collision", "visual"]
-"""What stands for the robot: its collision shapes, or the surfaces that are drawn."""
+"""Geometry that represents the robot: its collision shapes, or the visual surfaces."""
 
 ROBOT, ATTACHED, WORLD = "robot", "attached", "world"
 
 
 @dataclass(frozen=True, eq=False)
 class CollisionBody:
-    """One solid.
+    """One collision body.
 
     Attributes:
-        owner: The link or object that it belongs to.
+        owner: Name of the link or object that it belongs to.
         kind: ROBOT, ATTACHED or WORLD.
-        link: The link or frame it moves with; None for the world.
-        frame: Pinocchio's number of that frame; 0 for the world.
-        joint: Pinocchio's joint that moves it; 0 for none.
-        geometry: Its shape.
+        link: Name of the link or frame it moves with; None for the world.
+        frame: Pinocchio's id of that frame; 0 for the world.
+        joint: Pinocchio's id of the joint that moves it; 0 for none.
+        geometry: Geometry of the body.
         pose: Transform from the shape's own frame to the joint's, shape (4, 4).
         label: Pinocchio's name for it.
-        may_touch: Links that an attached object may touch.
+        may_touch: Names of the links that an attached object may touch.
     """
 
     owner: str
@@ -55,17 +55,17 @@ class CollisionBody:
 
     @property
     def padding(self) -> float:
-        """How far it reaches beyond coal's shape [m]."""
+        """Distance by which the body extends beyond coal's shape [m]."""
         return padding(self.geometry)
 
     @property
     def is_half_space(self) -> bool:
-        """Whether it is one: it has no bounding ball."""
+        """Whether the body is a half-space, which has no bounding sphere."""
         return isinstance(self.geometry, HalfSpace)
 
     @cached_property
     def geometry_object(self) -> Any:
-        """Pinocchio's, with coal's shape, made when it is first asked for.
+        """Pinocchio's geometry object, with coal's shape, made at its first use.
 
         Raises:
             FileFormatError: for a mesh whose file cannot be read.
@@ -79,7 +79,7 @@ class CollisionBody:
 
 
 def bodies(pepper: PepperModel, scene: Scene, geometry_type: str = "collision") -> tuple[CollisionBody, ...]:
-    """Return all solids: those of the robot, then attached ones, then the world's.
+    """Return all bodies: the robot's, then attached ones, then the world's.
 
     Raises:
         UnknownNameError: for a frame or link that the robot lacks.
@@ -93,10 +93,10 @@ def bodies(pepper: PepperModel, scene: Scene, geometry_type: str = "collision") 
 
 
 def check_geometry_type(geometry_type: str) -> None:
-    """Refuse what is not one of `GeometryType`.
+    """Refuse a geometry type that is not in `GeometryType`.
 
     Raises:
-        InvalidValueError: naming those that are known.
+        InvalidValueError: for an unknown type; the message names the known ones.
     """
     check_choice("geometry_type", geometry_type, get_args(GeometryType))
 
@@ -105,19 +105,19 @@ def check_geometry_type(geometry_type: str) -> None:
 def moving_bodies(
     pepper: PepperModel, attached: tuple[AttachedObject, ...], geometry_type: str = "collision"
 ) -> tuple[CollisionBody, ...]:
-    """Return the solids of the robot, the same whatever it holds, then those of what hangs on it."""
+    """Return the bodies of the robot, which do not depend on attached objects, then the attached bodies."""
     if attached:
         return (*moving_bodies(pepper, (), geometry_type), *_attached(pepper, attached))
     return tuple(_robot(pepper, geometry_type))
 
 
 def solid_objects(scene: Scene) -> list[SceneObject]:
-    """Return the objects of a scene's world that there is something of to collide with."""
+    """Return the objects of a scene's world that are not empty."""
     return [item for item in scene.objects.values() if not is_empty(item.geometry)]
 
 
 def world_body(item: SceneObject) -> CollisionBody:
-    """Return the solid of an object of the world."""
+    """Return the body of an object of the world."""
     pose, label = item.transform_object_to_world, f"scene/{item.name}"
     return CollisionBody(item.name, WORLD, None, 0, 0, item.geometry, pose, label)
 
@@ -125,10 +125,10 @@ def world_body(item: SceneObject) -> CollisionBody:
 def checked_pairs(
     pepper: PepperModel, scene: Scene, solids: tuple[CollisionBody, ...], geometry_type: str = "collision"
 ) -> NDArray[np.intp]:
-    """Return places of the pairs of solids that are checked, the world's second, in order, shape (k, 2).
+    """Return indices of the pairs of bodies that are checked, the world's body second, sorted, shape (k, 2).
 
-    Not checked are two solids of the world, what `moving_pairs` leaves out, and what may touch the world; see
-    `may_touch_in_world`.
+    Pairs of two bodies of the world, pairs that `moving_pairs` leaves out, and pairs that may touch in the
+    world are not checked; see `may_touch_in_world`.
     """
     moving = tuple([body for body in solids if body.kind != WORLD])
     world = [body.owner for body in solids[len(moving) :]]
@@ -144,14 +144,14 @@ def checked_pairs(
 def moving_pairs(
     pepper: PepperModel, scene: Scene, solids: tuple[CollisionBody, ...], geometry_type: str = "collision"
 ) -> list[tuple[int, int]]:
-    """Return places of the pairs of the robot's solids, and those it holds, that are checked.
+    """Return indices of the pairs of robot bodies and attached objects that are checked.
 
-    Not checked are: two solids on one joint, which never move against one another, pairs of links that the
+    Not checked are: two bodies on one joint, which never move against one another, pairs of links that the
     SRDF disables, pairs that the scene allows, and an attached object against links that it may touch.
     """
     disabled = pepper.semantics.disabled_pairs
     if geometry_type == "visual":
-        # Surfaces can tell apart what capsules cannot.
+        # Visual surfaces can separate pairs that overlapping capsules cannot.
         disabled = {pair: reason for pair, reason in disabled.items() if reason != REASON}
     found = []
     for i, first in enumerate(solids):
@@ -166,10 +166,10 @@ def moving_pairs(
 
 
 def may_touch_in_world(scene: Scene) -> dict[str, frozenset[str]]:
-    """Return of each link or attached object that may touch objects of the world the names of these.
+    """Map each link or attached object that may touch objects of the world to the names of these objects.
 
-    Everything else is checked against all of the world: a base that does not move as well, because a plan in
-    a wall should be refused.
+    Everything else is checked against all of the world, also a base that does not move, because a plan that
+    starts inside a wall should be refused.
     """
     found: dict[str, set[str]] = {}
     for pair in scene.allowed:
@@ -206,6 +206,7 @@ def _frames(names: tuple[str, ...]) -> frozenset[str]:
 
 
 def _robot(pepper: PepperModel, geometry_type: str) -> Iterator[CollisionBody]:
+    """Yield the bodies of the robot's own links."""
     shapes = pepper.collision_shapes if geometry_type == "collision" else pepper.visual_shapes
     for shape in shapes:
         frame, joint, pose = _on_frame(pepper, shape.link, shape.transform_shape_to_link)
@@ -213,6 +214,7 @@ def _robot(pepper: PepperModel, geometry_type: str) -> Iterator[CollisionBody]:
 
 
 def _attached(pepper: PepperModel, attached: tuple[AttachedObject, ...]) -> Iterator[CollisionBody]:
+    """Yield the bodies of attached objects that are not empty."""
     for item in attached:
         if is_empty(item.geometry):
             continue
@@ -224,7 +226,7 @@ def _attached(pepper: PepperModel, attached: tuple[AttachedObject, ...]) -> Iter
 
 
 def _on_frame(pepper: PepperModel, name: str, pose: np.ndarray) -> tuple[int, int, np.ndarray]:
-    """Return Pinocchio's numbers of a frame and its joint, and a pose in the frame as one in the joint's.
+    """Return Pinocchio's ids of a frame and its joint, and a pose converted from the frame to the joint.
 
     Both poses have shape (4, 4), their translations are in [m].
     """
@@ -234,14 +236,14 @@ def _on_frame(pepper: PepperModel, name: str, pose: np.ndarray) -> tuple[int, in
 
 @kept_for_robot(most=256)
 def _links_of_hand(pepper: PepperModel, joint: int) -> frozenset[str]:
-    """Return the links of the hand that a joint moves or is part of."""
+    """Return the links of the hand that a joint moves or belongs to."""
     hand = _hand(pepper, joint)
     links = {shape.link for shape in pepper.collision_shapes if _joint(pepper, shape.link) in hand}
     return frozenset(links)
 
 
 def _hand(pepper: PepperModel, joint: int) -> frozenset[int]:
-    """Return the joints of the hand that a joint moves or is part of, by the SRDF's end effectors."""
+    """Return the joints of the hand that a joint moves or belongs to, by the SRDF's end effectors."""
     tree, semantics = moving_tree(pepper), pepper.semantics
     for effector in semantics.tree.findall("end_effector") if semantics.text else ():
         link = effector.get("parent_link", "")
@@ -252,4 +254,5 @@ def _hand(pepper: PepperModel, joint: int) -> frozenset[int]:
 
 
 def _joint(pepper: PepperModel, link: str) -> int:
+    """Return the id of the joint that moves a link."""
     return moving_tree(pepper).frame_joints[link]

@@ -28,22 +28,23 @@ from pepper_kin.model.joint_vectors import as_joint_vectors, as_real
 __all__ = ["RANGE_RADIUS", "ClosestPair", "CollisionChecker", "checker_for", "coal_geometry"]
 
 RANGE_RADIUS = 0.1
-"""About how far from their joint neighboring bodies meet [m]: turns a distance kept into an angle kept."""
+"""Approximate distance from their joint at which adjacent bodies touch [m]: converts a margin to an angle."""
 
 
 class CollisionChecker:
     """Collision and distance queries for one robot in one scene.
 
-    Self-collision covers all pairs of links but those that the SRDF disables; of these, the pairs marked
+    Self-collision covers all pairs of links except those that the SRDF disables; of the latter, pairs marked
     "DependentRange" are decided by tabulated joint ranges (yes or no, no distance).
 
     Args:
         pepper: The robot.
-        scene: The world around it, with what the robot holds; None for none.
-        margin: Distance to what stands in the world below which `in_collision` says yes [m].
-        self_margin: The same for two parts of the robot, what it holds included [m].
-        geometry_type: "collision" for the shapes that contain the bodies; "visual" for the surfaces that are
-            drawn: slower by far, thinner, and a part inside another does not touch it.
+        scene: The world around it, with attached objects; None for none.
+        margin: Distance to obstacles below which `in_collision` is true [m].
+        self_margin: Distance between two parts of the robot, including attached objects, below which
+            `in_collision` is true [m].
+        geometry_type: "collision" for the shapes that contain the bodies; "visual" for the visual surfaces,
+            which are much slower and thinner, and do not touch a part that is inside.
     """
 
     def __init__(
@@ -66,21 +67,21 @@ class CollisionChecker:
             if isinstance(geometry, Mesh):
                 coal_geometry(geometry)  # a file that cannot be read is reported now
         self._local = threading.local()
-        self._like: CollisionChecker | None = None  # not itself: only a collection of garbage would free it
+        self._like: CollisionChecker | None = None  # not itself: only the garbage collector would free it
 
     @cached_property
     def _margins(self) -> NDArray[np.float64]:
-        """Distance below which each pair counts as touching, that of coal's shapes [m]."""
+        """Distance of coal's shapes below which each pair counts as touching [m]."""
         shapes = self._shapes
         return np.asarray(np.where(shapes.to_world, self.margin, self.self_margin) + shapes.paddings)
 
     @property
     def shapes_of(self) -> CollisionChecker:
-        """The checker whose shapes and pairs this one shares; itself where it shares none."""
+        """Checker whose shapes and pairs this one shares; itself if it shares none."""
         return self if self._like is None else self._like
 
     def with_margins(self, margin: float, self_margin: float) -> CollisionChecker:
-        """Return a checker of the same shapes with other margins [m], which costs far less than a new one."""
+        """Return a checker of the same shapes with other margins [m], at far less cost than a new one."""
         made = object.__new__(type(self))
         made.__dict__.update(self.__dict__)
         made.margin, made.self_margin = _finite("margin", margin), _finite("self_margin", self_margin)
@@ -90,7 +91,7 @@ class CollisionChecker:
 
     @property
     def dependent_ranges(self) -> tuple[DependentRange, ...]:
-        """The tables of joint ranges that decide pairs of neighbors; none where surfaces are compared."""
+        """Tables of joint ranges that decide pairs of adjacent bodies; none for visual surfaces."""
         return self._ranges
 
     @property
@@ -100,11 +101,11 @@ class CollisionChecker:
 
     @property
     def pairs_to_world(self) -> NDArray[np.bool_]:
-        """Which of the pairs are with what stands in the world, shape (pair_count,)."""
+        """Whether each pair is with an obstacle of the world, shape (pair_count,)."""
         return self._shapes.to_world
 
     def in_collision(self, q: ArrayLike) -> NDArray[np.bool_]:
-        """Whether anything touches, shape (...,), at joint positions q, shape (..., n) [rad or m]."""
+        """Return whether anything collides, shape (...,), at joint positions q, shape (..., n) [rad or m]."""
         q_all = as_joint_vectors(self.pepper, q, "q")
         flat = q_all.reshape(-1, self.pepper.n)
         touching = np.zeros(flat.shape[0], dtype=bool)
@@ -115,10 +116,10 @@ class CollisionChecker:
         return touching.reshape(q_all.shape[:-1])
 
     def clearance(self, q: ArrayLike, to: PairsTo = "all") -> NDArray[np.float64]:
-        """Smallest distance over the checked pairs [m], shape (...,), at q, shape (..., n) [rad or m].
+        """Return the minimum distance of checked pairs [m], shape (...,), at q, shape (..., n) [rad or m].
 
-        Below zero: how deep the deepest pair overlaps.  inf where nothing is there to collide with.  `to`
-        takes the pairs of the robot with itself or with obstacles alone.
+        A negative value is the depth of the deepest overlap; inf if no pair is checked.  `to` selects the
+        pairs of the robot with itself or with obstacles only.
         """
         q_all = as_joint_vectors(self.pepper, q, "q")
         flat = q_all.reshape(-1, self.pepper.n)
@@ -126,7 +127,7 @@ class CollisionChecker:
         return distances
 
     def closest_pair(self, q: ArrayLike, to: PairsTo = "all") -> ClosestPair | None:
-        """Return the nearest pair at one configuration q, shape (n,); None where no pair is checked."""
+        """Return the nearest pair at one configuration q, shape (n,); None if no pair is checked."""
         distance, index = self._distances(self._one(q), to)
         if index < 0:
             return None
@@ -144,17 +145,17 @@ class CollisionChecker:
         return tuple(found)
 
     def contact_points(self, q: ArrayLike, within: float = 0.0) -> tuple[Contact, ...]:
-        """Return where things touch at one configuration q, shape (n,), the deepest first.
+        """Return the contacts at one configuration q, shape (n,), the deepest first.
 
-        Each pair of links or objects is listed once, where it is nearest.  A pair of neighbors that a table
-        decides comes last, without points.
+        Each pair of links or objects is listed once, at its nearest points.  Pairs of adjacent links that a
+        table decides come last, without points.
 
         Args:
             q: Joint positions [rad or m], shape (n,).
-            within: Pairs nearer than this are listed as well [m].
+            within: Distance up to which nearby pairs are listed as well [m].
 
         Raises:
-            InvalidValueError: for a q of wrong shape, or with NaN or infinity; for `within` below 0.
+            InvalidValueError: for a q of wrong shape, or with NaN or infinity; for a negative `within`.
         """
         state, reach = self._one(q), not_negative("within", within)
         bounds = self._bounds(state)
@@ -175,7 +176,7 @@ class CollisionChecker:
 
     @property
     def _data(self) -> tuple[Any, KeptPairs | SinglePairs]:
-        """Pinocchio's data of the joints, and the queries of pairs, of this thread."""
+        """Pinocchio's data of the joints, and the pair queries, of this thread."""
         data = getattr(self._local, "data", None)
         if data is None:
             model = self.pepper.inner_model
@@ -195,14 +196,14 @@ class CollisionChecker:
         return state.reshape(self.pepper.n)
 
     def _touches(self, q: NDArray[np.float64]) -> bool:
-        """Return whether anything touches at one configuration q [rad or m], shape (n,)."""
+        """Return whether anything collides at one configuration q [rad or m], shape (n,)."""
         data, queries = self._data
         return queries.any_touches(data, self.pepper.to_full(q))
 
     def _bounds(self, q: NDArray[np.float64]) -> NDArray[np.float64]:
         """Place all shapes at q, shape (n,), and return a lower bound of each pair's distance [m].
 
-        It is the distance of their balls, shape (pairs,).
+        The bounds are the distances of the bounding spheres, shape (pairs,).
         """
         import pinocchio
 
@@ -213,9 +214,9 @@ class CollisionChecker:
         return ball_distances(self._shapes, poses) - self._shapes.paddings
 
     def _distances(self, q: NDArray[np.float64], to: PairsTo) -> tuple[float, int]:
-        """Return the smallest distance [m] at q, shape (n,), and its pair's index, -1 where there is none.
+        """Return the minimum distance [m] at q, shape (n,), and its pair's index, -1 if no pair counts.
 
-        Pairs are visited by the distance of their bounding balls, a lower bound of the true one, until no
+        Pairs are visited by the distance of their bounding spheres, a lower bound of the true one, until no
         later pair can be nearer.
         """
         counted = self._shapes.counted(to)
@@ -238,7 +239,7 @@ class CollisionChecker:
     def _witness(
         self, index: int
     ) -> tuple[tuple[str, str], NDArray[np.float64], NDArray[np.float64], tuple[str | None, str | None]]:
-        """Return names, nearest points, normal and links of a pair whose distance was computed last."""
+        """Return names, nearest points, normal and links of the pair whose distance was computed last."""
         first, second = (self._shapes.bodies[pairs[index]] for pairs in self._shapes.pairs)
         result = self._data[1].result(index)
         points = np.array([result.getNearestPoint1(), result.getNearestPoint2()])
@@ -253,11 +254,12 @@ class CollisionChecker:
 
 @kept_for_robot(most=1)
 def _joints_of(pepper: PepperModel) -> threading.local:
-    """Return what holds Pinocchio's data of a thread, which every query of any checker writes anew."""
+    """Return the holder of Pinocchio's data of a thread, which every query of any checker overwrites."""
     return threading.local()
 
 
 def _finite(quantity: str, value: float) -> float:
+    """Return a margin [m] after a check that it is finite."""
     number = as_real(value)
     if not np.isfinite(number):
         raise InvalidValueError(quantity, value, "a finite distance [m]")
@@ -271,7 +273,7 @@ def checker_for(
     self_margin: float = 0.0,
     geometry_type: GeometryType = "collision",
 ) -> CollisionChecker:
-    """Return the checker of a robot in a scene, built once and kept for the next call."""
+    """Return the checker of a robot in a scene, cached for the next call."""
     return _checker_for(pepper, as_on_disk(scene), margin, self_margin, geometry_type)
 
 
@@ -279,7 +281,7 @@ def checker_for(
 def _checker_for(
     pepper: PepperModel, scene: Scene | None, margin: float, self_margin: float, geometry_type: GeometryType
 ) -> CollisionChecker:
-    """Keep one checker however the arguments are written."""
+    """Return one cached checker for all spellings of the arguments."""
     if margin == 0.0 and self_margin == 0.0:
         return CollisionChecker(pepper, scene, geometry_type=geometry_type)
     return _checker_for(pepper, scene, 0.0, 0.0, geometry_type).with_margins(margin, self_margin)

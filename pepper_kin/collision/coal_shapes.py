@@ -1,4 +1,4 @@
-"""Geometries as coal's shapes."""
+"""Conversion of geometries to coal's shapes."""
 
 from __future__ import annotations
 
@@ -21,13 +21,14 @@ from pepper_kin.collision.solids import (
 from pepper_kin.model import Box, Capsule, Cylinder, Mesh, Sphere
 
 FLAT = 1e-3
-"""A closed mesh no point of which lies deeper than this in its convex hull is taken as that hull [m]."""
+"""Maximum depth of points of a closed mesh in its convex hull at which the mesh counts as that hull [m]."""
 MOST_FACES = 4000
-"""Meshes of more faces are not looked at for whether they are convex."""
-_PER_TRIANGLE = 400  # bytes of a tree of triangles
-_WIDTH = 1e-7  # [m]
+"""Maximum number of faces of a mesh that is tested for convexity."""
+_PER_TRIANGLE = 400  # bytes per triangle of a tree of triangles
+_WIDTH = 1e-7  # width of the triangle that replaces a degenerate one [m]
 _SPECK = _WIDTH * np.array([[1.0, 0.0, 0.0], [-0.5, 1.0, 0.0], [-0.5, -1.0, 0.0]])
-"""Corners of the triangle that stands for a point: coal's trees hold triangles, and of no size they fail."""
+"""Corners of the triangle that replaces a point [m]: coal's trees hold triangles, and fail for triangles
+without size."""
 
 
 def coal_geometry(geometry: SceneGeometry) -> Any:
@@ -63,12 +64,12 @@ def coal_geometry(geometry: SceneGeometry) -> Any:
 
 
 def is_empty(geometry: SceneGeometry) -> bool:
-    """Whether there is nothing to collide with: a cloud without points."""
+    """Return whether a geometry is a point cloud without points."""
     return isinstance(geometry, PointCloud) and not len(geometry.points)
 
 
 def _tree(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Any:
-    """Return coal's tree of triangles, of vertices [m], shape (v, 3), and indices into them, shape (f, 3)."""
+    """Return coal's tree of triangles for vertices [m], shape (v, 3), and indices into them, shape (f, 3)."""
     import coal
 
     tree = coal.BVHModelOBBRSS()
@@ -80,10 +81,10 @@ def _tree(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Any:
 
 
 def _surface(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Any:
-    """Return the tree of a mesh some triangles of which may have no area.
+    """Return the tree of a mesh that may have degenerate triangles, without area.
 
-    Coal's distances to such a triangle are wrong by meters.  Its longest side, or its point, stands for it,
-    widened to `_WIDTH`, by which distances may be too small.
+    Coal's distances to such a triangle are wrong by meters.  It is replaced by its longest side, or its
+    point, widened to `_WIDTH`, by which distances may be too small.
     """
     corners = vertices[faces]
     flat = has_no_area(corners)
@@ -93,12 +94,12 @@ def _surface(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Any:
 
 
 def _widened(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return triangles with an area for those without, shape (f, 3, 3) [m] both."""
+    """Return triangles with an area for degenerate ones, both of shape (f, 3, 3) [m]."""
     sides = np.roll(corners, -1, axis=1) - corners
     lengths, rows = np.linalg.norm(sides, axis=2), np.arange(len(corners))
     longest = lengths.argmax(axis=1)
     start, along = corners[rows, longest], sides[rows, longest]
-    # The axis along which the side is shortest is the farthest from parallel to it.
+    # The axis along which the side is shortest is the least parallel to it.
     across = np.cross(along, np.eye(3)[np.abs(along).argmin(axis=1)])
     across *= _WIDTH / np.maximum(np.linalg.norm(across, axis=1), np.finfo(float).tiny)[:, None]
     lines = np.stack([start, start + along, start + 0.5 * along + across], axis=1)
@@ -107,14 +108,14 @@ def _widened(corners: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _as_solid(vertices: NDArray[np.float64], triangles: NDArray[np.int64]) -> Any | None:
-    """Return the convex hull of a mesh that is closed and convex within FLAT; None of any other mesh.
+    """Return the convex hull of a mesh that is closed and convex within FLAT; None for any other mesh.
 
-    Vertices that no triangle has, and triangles that have a vertex twice, count for nothing.
+    Vertices without triangles, and triangles with a repeated vertex, are ignored.
 
-    How deep a point lies in a hull is a concave function, so that no point of a triangle lies deeper than
-    three times the depth of its middle.
-    A tree of triangles knows its surface only; as a convex polytope it is a solid, and its distances are
-    found faster.
+    The depth of a point in a hull is a concave function, so that no point of a triangle is deeper than three
+    times the depth of its middle.
+    A tree of triangles represents a surface only; a convex polytope is a solid, and its distances are
+    computed faster.
     """
     from scipy.spatial import ConvexHull, QhullError
 
@@ -152,6 +153,6 @@ def _mesh_of_file(mesh: Mesh) -> Any:
 
 @kept_within(MOST_BYTES, lambda shape, *_: _PER_TRIANGLE * getattr(shape, "num_tris", 0))
 def _read_mesh(mesh: Mesh, state: tuple[str | int, ...]) -> Any:
-    """Read a mesh once for all checkers of a robot, and again where its file has changed."""
+    """Return the shape of a mesh file, read once for all checkers, and again if the file has changed."""
     vertices, faces = read_mesh(mesh.path, mesh.scale)
     return _as_solid(vertices, faces) or _surface(vertices, faces)

@@ -1,4 +1,4 @@
-"""Contact points of two bodies that touch or nearly do."""
+"""Closest pairs, clearances and contacts of two bodies that touch or nearly touch."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from pepper_kin.arrays import FrozenArrays
 
 @dataclass(frozen=True, eq=False)
 class ClosestPair(FrozenArrays):
-    """The two things that are nearest to one another.
+    """The two bodies that are nearest to one another.
 
     Attributes:
         names: Names of the two: links of the robot, or a link and a scene object.
-        distance: Distance [m]; below zero, how deep they overlap.
+        distance: Distance [m]; if negative, the depth of their overlap.
         points: (2, 3) the nearest points, one on each, in the world [m].
-        links: The link or frame that each moves with; None for what stands in the world.
+        links: Link or frame that each moves with; None for an obstacle of the world.
     """
 
     names: tuple[str, str]
@@ -30,11 +30,11 @@ class ClosestPair(FrozenArrays):
 
 @dataclass(frozen=True)
 class Clearance:
-    """Least distances of the robot, with what it holds, to itself and to what is around it.
+    """Minimum distances of the robot, with attached objects, to itself and to obstacles.
 
     Attributes:
-        itself: Between its own parts [m], at most 0 where they touch.
-        obstacles: To the objects of the scene [m], at most 0 in contact; inf where there are none.
+        itself: Distance between its own parts [m], at most 0 in contact.
+        obstacles: Distance to the objects of the scene [m], at most 0 in contact; inf without objects.
     """
 
     itself: float
@@ -42,11 +42,11 @@ class Clearance:
 
     @property
     def least(self) -> float:
-        """The lesser of the two [m]."""
+        """Minimum of the two distances [m]."""
         return min(self.itself, self.obstacles)
 
     def sentence(self) -> str:
-        """Return both in words, obstacles first."""
+        """Return both distances in words, obstacles first."""
         far = math.isinf(self.obstacles)
         around = "no obstacles" if far else f"{1000 * self.obstacles:.1f} mm from obstacles"
         return around if math.isinf(self.itself) else f"{around}, {1000 * self.itself:.1f} mm from itself"
@@ -58,18 +58,18 @@ class Clearance:
 
 @dataclass(frozen=True, eq=False)
 class Contact(FrozenArrays):
-    """A pair of things that touch, or that are nearer than was asked for.
+    """A pair of bodies that touch, or that are nearer than the requested distance.
 
     The two links of a dependent range (`pepper_kin.collision.dependent_ranges`) are known to touch but not
     where: their distance, points and normal are None.
 
     Attributes:
         names: Names of the two: links of the robot or objects.
-        distance: Distance [m]; below zero, how deep they overlap.
-        points: (2, 3) the nearest points, or where they overlap the deepest, one on each, in the world [m].
-        normal: (3,) unit vector from the first to the second, along which moving the second away by the depth
-            ends the overlap.
-        links: The link or frame that each moves with; None for what stands in the world.
+        distance: Distance [m]; if negative, the depth of their overlap.
+        points: (2, 3) the nearest points, or the deepest where they overlap, one on each, in the world [m].
+        normal: (3,) unit vector from the first to the second; moving the second along it by the depth ends
+            the overlap.
+        links: Link or frame that each moves with; None for an obstacle of the world.
     """
 
     names: tuple[str, str]
@@ -80,5 +80,5 @@ class Contact(FrozenArrays):
 
     @property
     def depth(self) -> float | None:
-        """How deep the two overlap [m], 0 where they do not; None where it is not known."""
+        """Depth of the overlap [m], 0 without overlap; None if it is not known."""
         return None if self.distance is None else max(-self.distance, 0.0)

@@ -1,4 +1,4 @@
-"""Checks of the states of one motion by machine code, with coal for what that cannot tell."""
+"""Checks of the states of one motion by machine code, with coal for undecided states."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ from pepper_kin.model import PepperModel, kept_for_robot
 
 
 class HoldingLimits(NamedTuple):
-    """What holding still may ask of the joints and of the floor; see `MotionCheck`.
+    """Limits of holding still for the joints and the floor; see `MotionCheck`.
 
     Attributes:
-        effort_limits: Shape (n,) [N m or N].
-        loads: What is carried, for checks of edges.
-        loads_along: The same for curves.
-        step: How far any point of the body may move between states that are to be held [m].
+        effort_limits: Effort limits of the joints, shape (n,) [N m or N].
+        loads: Payload, for checks of edges.
+        loads_along: Payload, for checks of curves.
+        step: Maximum distance that a point of the body moves between states that are to be held [m].
     """
 
     effort_limits: Array
@@ -44,20 +44,20 @@ class HoldingLimits(NamedTuple):
 
 
 class CurveChecks:
-    """Answers for the states of motions of one robot in one scene.
+    """Checks of the states of motions of one robot in one scene.
 
-    They come from machine code, and from coal where a shape of the robot has no bounds.
+    Machine code decides, and coal does for shapes of the robot without bounds.
 
     Args:
         pepper: The robot.
         scene: The world; None for the robot alone.
-        holding: What can be held; None where nobody asks.
+        holding: Limits of holding still; None if it is not checked.
 
     Attributes:
         exact: Coal's checker without margins.
-        compiled: Whether machine code answers.
-        quick: Whether coal is asked about nothing but ties, so that many questions cost little.
-        held: What hangs on the robot, see `motion_bounds`.
+        compiled: Whether machine code decides.
+        quick: Whether coal decides only ties, so that many checks cost little.
+        held: Attached objects, see `motion_bounds`.
     """
 
     def __init__(
@@ -75,13 +75,13 @@ class CurveChecks:
         self._checks: dict[int, tuple[object, MotionCheck]] = {}
 
     def of_motion(self, standing: Array, moving: NDArray[np.int64]) -> MotionCheck:
-        """Return what compiled functions take that check states of one motion, called by `run`.
+        """Return the argument of compiled functions that check states of one motion, called by `run`.
 
-        It is of use in this thread until a check of another motion is asked for.
+        It is valid in this thread until the check of another motion is requested.
 
         Args:
-            standing: A configuration in which the joints stand that do not move, shape (n,).
-            moving: Places of the joints that move, shape (k,).
+            standing: Configuration that has the positions of the joints that do not move, shape (n,).
+            moving: Indices of the joints that move, shape (k,).
         """
         made = self._moving(standing, moving) if self.compiled else None
         still, moves = NO_BLOCKS if made is None else made.blocks()
@@ -97,13 +97,13 @@ class CurveChecks:
         return found
 
     def _motion_check(self, still: Array, moves: Array, standing: Array, loads: StaticLoads) -> MotionCheck:
-        """Return what compiled functions take, with this thread's workspace.
+        """Return the argument of compiled functions, with this thread's workspace.
 
         Args:
-            still: The block that compares what stands, shape (s,).
-            moves: The block that compares what moves, shape (t,).
-            standing: Where the joints stand that do not move [rad or m], shape (n,).
-            loads: What is carried, and edges that the robot must not tip over.
+            still: Block that compares bodies that stand still, shape (s,).
+            moves: Block that compares bodies that move, shape (t,).
+            standing: Positions of the joints that do not move [rad or m], shape (n,).
+            loads: Payload, and edges that the robot must not tip over.
         """
         heads, tables, _ = tables_of(self.pepper)
         states, inputs, torques, work = _workspace_of(standing.size, loads)
@@ -135,10 +135,10 @@ class CurveChecks:
         )
 
     def run(self, function: Callable[..., Any], *arguments: Any) -> Any:
-        """Call a compiled function that takes an `of_motion`; coal decides what it cannot.
+        """Call a compiled function with a result of `of_motion`; coal decides undecided states.
 
         Raises:
-            BaseException: what coal, or an interrupt meanwhile, has raised.
+            BaseException: the exception of coal, or an interrupt during the call.
         """
         outer = getattr(_asking, "checks", None)
         _asking.checks, _asking.error = self, None
@@ -155,21 +155,21 @@ class CurveChecks:
         return result
 
     def answer(self, states: Array, verdicts: NDArray[Any], margins: tuple[float, float]) -> None:
-        """Write coal's verdicts on those of some states, shape (m, n), that have a tie."""
+        """Write coal's verdicts on the states, shape (m, n), whose verdict is a tie."""
         ties = np.flatnonzero(verdicts == TIE)
         exact = checker_for(self.pepper, self.scene, *margins)
         verdicts[ties] = exact.in_collision(states[ties])
 
     def rests_near(self, margin: float) -> bool:
-        """Whether what never moves against the world is nearer to it than a margin [m]."""
+        """Return whether a body that never moves is nearer to the world than a margin [m]."""
         return self._fast.rests_near(margin)
 
     def _moving(self, frozen: Array, free: NDArray[np.int64]) -> CompiledValidity:
-        """Return the validity without margins of what some joints move, made once for one motion.
+        """Return the validity, without margins, of bodies that some joints move, cached for one motion.
 
         Args:
-            frozen: A whole configuration [rad or m], shape (n,).
-            free: Places of the joints that move, shape (k,).
+            frozen: Complete configuration [rad or m], shape (n,).
+            free: Indices of the joints that move, shape (k,).
         """
         key = frozen.tobytes(), free.tobytes()
         found = self._made.get(key)
@@ -181,7 +181,7 @@ class CurveChecks:
 
 
 def held_by(scene: Scene | None) -> tuple[tuple[str, float], ...]:
-    """Return what hangs on the robot in a scene, see `motion_bounds`."""
+    """Return frame and extent [m] of the objects attached to the robot in a scene, see `motion_bounds`."""
     return () if scene is None else tuple((item.frame, item.extent) for item in scene.attached.values())
 
 
@@ -191,7 +191,7 @@ def _curve_checks_for(pepper: PepperModel, scene: Scene | None) -> CurveChecks:
 
 
 def curve_checks_for(pepper: PepperModel, scene: Scene | None) -> CurveChecks:
-    """Return checks that do not ask what can be held, made once and kept with their arrays."""
+    """Return checks without limits of holding still, cached with their arrays."""
     return _curve_checks_for(pepper, as_on_disk(scene))
 
 
@@ -199,7 +199,7 @@ NO_BLOCKS = np.empty(0), np.empty(0)
 
 
 class _Workspaces(threading.local):
-    """Arrays of each thread that its checks of curves share, by their sizes."""
+    """Arrays of each thread that its checks of curves share, by size."""
 
     def __init__(self) -> None:
         self.kept: dict[tuple[int, ...], tuple[Array, Array, Array, Array]] = {}
@@ -221,12 +221,12 @@ def _workspace_of(n: int, loads: StaticLoads) -> tuple[Array, Array, Array, Arra
 
 
 _asking = threading.local()
-"""The checks, of each thread, that a compiled function runs for, and what was raised meanwhile."""
+"""Checks of each thread for which a compiled function runs, and the exception raised meanwhile."""
 
 
 @ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_int64] * 4)
 def _ask(states: int, count: int, verdicts: int, margins: int) -> int:
-    """Answer the queries of compiled checks; see `MotionCheck`."""
+    """Answer the call-backs of compiled checks; see `MotionCheck`."""
     checks: CurveChecks = _asking.checks
     found = words_at(verdicts, max(count, 1))
     try:
@@ -235,7 +235,7 @@ def _ask(states: int, count: int, verdicts: int, margins: int) -> int:
             return int(checks.rests_near(margin))
         n = checks.pepper.n
         checks.answer(floats_at(states, n * count).reshape(count, n), found, (margin, self_margin))
-    except BaseException as error:  # also an interrupt from the keyboard
+    except BaseException as error:  # also a keyboard interrupt
         _asking.error = error
         found[:] = CONTACT
         return 1

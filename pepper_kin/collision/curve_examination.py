@@ -1,4 +1,4 @@
-"""Examination of a whole curve, with steps as long as the clearance proves enough."""
+"""Examination of a whole curve, with steps that grow with the clearance."""
 
 from __future__ import annotations
 
@@ -27,17 +27,16 @@ def is_clear_along(
     held: bool = True,
     strictly: bool = False,
 ) -> bool:
-    """Whether margins are kept and gravity is held along a curve; see `core.collision.curve_check`.
+    """Return whether margins are kept and gravity is held along a curve; see `core.collision.curve_check`.
 
     Args:
         checks: The robot in its scene.
         curve: The curve, or a cubic motion [rad or m].
-        margins: To the scene and to the robot itself [m].
-        motion: A configuration in which the joints stand that do not move, shape (n,), and the places of
-            those that may move, shape (k,); None: those of the curve.
-        held: Whether to ask if the joints can hold still along the curve.
-        strictly: Whether the margin to the scene is proven to be kept at every point, between the states that
-            are looked at as well.
+        margins: Margins to the scene and to the robot itself [m].
+        motion: Configuration that has the positions of the joints that do not move, shape (n,), and indices
+            of the joints that may move, shape (k,); None: taken from the curve.
+        held: Whether to check that the joints can hold still along the curve.
+        strictly: Whether the margin to the scene is proven at every point, also between the examined states.
     """
     breaks, coefficients = (np.require(a, float, ["C"]) for a in (curve.breaks, curve.coefficients))
     if motion is None:
@@ -48,7 +47,7 @@ def is_clear_along(
 
 
 def reach_along(pepper: PepperModel, scene: Scene | None, curve: PiecewiseCubic) -> Array:
-    """Return how far a joint moves a point of the body along a curve, shape (n,), see `motion_bounds`."""
+    """Return the motion bounds of the joints along a curve, shape (n,), see `motion_bounds`."""
     held = held_by(scene)
     reach = motion_bounds(pepper, held=held)
     if np.isfinite(reach).all():
@@ -57,11 +56,11 @@ def reach_along(pepper: PepperModel, scene: Scene | None, curve: PiecewiseCubic)
 
 
 def hull_of(breaks: Array, coefficients: Array) -> tuple[Array, Array]:
-    """Return lower and upper ends, shape (n,) each, of a box that holds a curve: its Bezier points'.
+    """Return lower and upper corners, shape (n,) each, of the box around a curve's Bezier points.
 
     Args:
-        breaks: Where its cubic segments begin and end, shape (m + 1,).
-        coefficients: Of each segment in powers of the way since its begin, constant first, shape (m, 4, n).
+        breaks: Ends of the cubic segments, shape (m + 1,).
+        coefficients: Coefficients from the start of each segment, constant first, shape (m, 4, n).
     """
     h = np.diff(breaks)[:, None]
     constant, first, second, third = coefficients.swapaxes(0, 1)
@@ -75,13 +74,13 @@ def hull_of(breaks: Array, coefficients: Array) -> tuple[Array, Array]:
 
 
 def cut(breaks: Array, coefficients: Array, reach: Array, step: float) -> Intervals:
-    """Cut a curve into intervals on none of which any point of the body moves farther than a step.
+    """Divide a curve into intervals in none of which a point of the body moves farther than a step.
 
     Args:
-        breaks: Ends of the pieces, shape (m + 1,).
+        breaks: Ends of the segments, shape (m + 1,).
         coefficients: Constant term first, shape (m, 4, n).
-        reach: How far a joint moves a point of the body, shape (n,) [m/rad, or 1].
-        step: [m].
+        reach: Motion bound of each joint, shape (n,) [m/rad, or 1].
+        step: Maximum distance in an interval [m].
     """
     counts = np.empty(len(coefficients), np.int64)
     total = count_intervals(breaks, coefficients, reach, step, counts)

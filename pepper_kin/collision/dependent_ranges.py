@@ -1,12 +1,13 @@
-"""Neighboring bodies that capsules cannot tell apart: where one joint's free range depends on another.
+"""Joint ranges that depend on another joint, for adjacent bodies whose capsules overlap.
 
 The capsules of pelvis and trunk, trunk and head, upper arm and forearm overlap in postures in which the
-bodies are well apart.  For these pairs the free interval of one joint is tabulated against the other.
-Between two rows the intersection of both intervals holds, so that no contact is missed for want of a row.
+bodies are well separated.  For these pairs the free interval of one joint is tabulated against the other.
+Between two rows the intersection of both intervals applies, so that no contact is missed between rows.
 
 Rows whose source is "surfaces" were computed from the measured surfaces in steps of 0.01 rad (the tighter
-side of left and right is kept for both).  Those whose source is "robot" are where a robot's head stopped, for
-yaws of 45 degrees and more: lines through the stops, a row for each degree, `STOP_SPARE` above them.
+side of left and right is used for both).  Rows whose source is "robot" are from positions at which a robot's
+head stopped, for yaws of 45 degrees and more: lines through the stops, a row for each degree, `STOP_SPARE`
+above them.
 """
 
 from __future__ import annotations
@@ -24,22 +25,23 @@ from pepper_kin.model import PepperModel, kept_for_robot
 
 REASON = "DependentRange"
 STOP_SPARE = 0.015
-"""Rows of the source "robot" lie this much beyond where the joint stopped [rad]: sensed and sent positions of
-a settled joint differ by 0.005 in the median, which is 0.015 at two standard deviations of a normal error."""
+"""Distance of rows of the source "robot" beyond the position at which the joint stopped [rad]: measured and
+commanded positions of a settled joint differ by 0.005 in the median, which is 0.015 at two standard
+deviations of a normal error."""
 
 
 @dataclass(frozen=True, eq=False)
 class DependentRange(FrozenArrays):
-    """The free interval of one joint against another's position.
+    """Free interval of one joint as a function of another joint's position.
 
     Attributes:
         links: The two links that would touch.
-        first: Place of the first joint in the joint vector.
-        second: Place of the joint whose range depends on it.
-        positions: (k,) positions of the first joint, rising [rad].
-        lower: (k,) least free position of the second joint [rad], -inf where its own limit comes first.
-        upper: (k,) greatest free position of the second joint [rad]; below `lower` where none is free.
-        sources: (k,) of what each row is: "surfaces" or "robot".
+        first: Index of the first joint in the joint vector.
+        second: Index of the joint whose range depends on the first.
+        positions: (k,) positions of the first joint, ascending [rad].
+        lower: (k,) minimum free position of the second joint [rad], -inf where its own limit comes first.
+        upper: (k,) maximum free position of the second joint [rad]; below `lower` where none is free.
+        sources: (k,) source of each row: "surfaces" or "robot".
     """
 
     links: tuple[str, str]
@@ -51,7 +53,7 @@ class DependentRange(FrozenArrays):
     sources: tuple[str, ...]
 
     def interval(self, x: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the least and greatest free position of the second joint [rad], shape (...,) each.
+        """Return the minimum and maximum free position of the second joint [rad], shape (...,) each.
 
         Args:
             x: Positions of the first joint [rad], shape (...,).
@@ -62,14 +64,14 @@ class DependentRange(FrozenArrays):
 
     @cached_property
     def _steps(self) -> NDArray[np.float64]:
-        """Bounds before, at and after each position, by twos, shape (2, 2 k + 1)."""
+        """Bounds before, at and after each position, in pairs, shape (2, 2 k + 1)."""
         places = np.arange(2 * len(self.positions) + 1)
         below, above = np.maximum(places - 1, 0) // 2, np.minimum(places // 2, len(self.positions) - 1)
         lower = np.maximum(self.lower[below], self.lower[above])
         return np.stack([lower, np.minimum(self.upper[below], self.upper[above])])
 
     def violated(self, q: NDArray[np.float64], margin: float = 0.0) -> NDArray[np.bool_]:
-        """Whether the links touch, shape (...,), at joint positions q, shape (..., n) [rad].
+        """Return whether the links touch, shape (...,), at joint positions q, shape (..., n) [rad].
 
         Args:
             q: Joint positions.

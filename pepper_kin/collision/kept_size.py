@@ -1,4 +1,4 @@
-"""Results that are kept within bounds of bytes, and the size of what is kept for a scene."""
+"""Caches limited by size in bytes, and the size of the cached data of a scene."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ if TYPE_CHECKING:
 Value = TypeVar("Value")
 
 MOST_BYTES = 256e6
-"""Size of all checkers of one kind that are kept for a robot [bytes]."""
+"""Maximum size of all checkers of one kind that are cached for a robot [bytes]."""
 
 _ROBOT, _OBJECT, _PER_BYTE = 4_000_000, 4_000, 20
-"""Bytes kept for a robot (2 to 4 MB for Pepper, measured), for an object, and for each byte of its arrays."""
+"""Cached bytes of a robot (2 to 4 MB for Pepper, measured), of an object, and per byte of its arrays."""
 
 
 def scene_size(scene: Scene | None) -> int:
-    """Return about how many bytes a checker of a robot in a scene keeps."""
+    """Return the approximate cached size of a checker of a robot in a scene [bytes]."""
     if scene is None:
         return _ROBOT
     size = _ROBOT
@@ -36,20 +36,20 @@ def scene_size(scene: Scene | None) -> int:
 
 
 def checker_size(checker: Any) -> int:
-    """Return about how many bytes something with a `scene` keeps."""
+    """Return the approximate cached size of an object with a `scene` [bytes]."""
     return scene_size(checker.scene)
 
 
 def kept_within(
     most_bytes: float, size_of: Callable[..., int]
 ) -> Callable[[Callable[..., Value]], Callable[..., Value]]:
-    """Keep what a function of shapes returns, as `functools.lru_cache` does, but within bounds of bytes.
+    """Cache the results of a function of shapes, like `functools.lru_cache`, but limited by size.
 
-    What was asked for longest ago is forgotten first; one result is always kept.
+    The least recently used result is dropped first; one result is always kept.
 
     Args:
-        most_bytes: Size of all results that are kept, with their arguments [bytes].
-        size_of: Returns the size of a result with its arguments [bytes], from the result and the arguments.
+        most_bytes: Maximum size of all cached results with their arguments [bytes].
+        size_of: Function from a result and its arguments to their size [bytes].
     """
 
     def decorate(build: Callable[..., Value]) -> Callable[..., Value]:
@@ -81,7 +81,7 @@ def kept_within(
     return decorate
 
 
-_PER_RESULT = 1_000  # bytes, of the entry itself
+_PER_RESULT = 1_000  # bytes of a cache entry
 
 
 def bytes_of(*values: Any) -> int:
@@ -100,5 +100,5 @@ def bytes_of(*values: Any) -> int:
 
 
 def vars_of(value: Any) -> dict[str, Any]:
-    """Return the attributes of an object, none for one without."""
+    """Return the attributes of an object; an empty dictionary if it has none."""
     return getattr(value, "__dict__", {})

@@ -1,4 +1,4 @@
-"""The least distance along a sequence of configurations, without measuring at every one of them."""
+"""Minimum distance along a sequence of configurations, without measuring at every one of them."""
 
 from __future__ import annotations
 
@@ -41,20 +41,20 @@ from pepper_kin.model.moving_tree import moving_tree
 Indices = NDArray[np.intp]
 
 _FAR = 1e9
-"""Distance that pairs which do not count are taken to be farther apart [m]."""
-_GROWING = ("kept", "kept_bounds")  # arrays of the search that may be too small
+"""Distance that is added to pairs that do not count [m]."""
+_GROWING = ("kept", "kept_bounds")  # arrays of the search that are enlarged if too small
 
 
 @dataclass(frozen=True, eq=False)
 class LeastClearance(BriefRepr):
-    """Where along a sequence of configurations bodies come nearest to one another.
+    """Minimum distance of bodies along a sequence of configurations.
 
     Attributes:
-        distance: The least distance [m], below zero where shapes overlap; inf where no pair is checked.
-        index: The configuration at which it was found.
-        pair: The nearest pair there; None where no pair is checked.
-        forbidden: The first configuration that a table of joint ranges forbids (see `in_collision`), which
-            has no distance; None where all are allowed.
+        distance: The minimum distance [m], negative where shapes overlap; inf if no pair is checked.
+        index: Index of the configuration at which it was found.
+        pair: The nearest pair there; None if no pair is checked.
+        forbidden: Index of the first configuration that a table of joint ranges forbids (see `in_collision`),
+            which has no distance; None if all are allowed.
         measured: Number of configurations at which distances were measured; all others are proven to be no
             nearer.
     """
@@ -74,40 +74,40 @@ def least_clearance(
     *,
     to: PairsTo = "all",
 ) -> LeastClearance:
-    """Return the least of `clearance(pepper, q, scene, to=to)`, and where, without computing all others.
+    """Return the minimum of `clearance(pepper, q, scene, to=to)`, and where, without computing all values.
 
     Between configurations q and q', the bodies a and b of a pair come nearer by at most
 
         sum over joints j that move one against the other of |q'_j - q_j| l_j(q),
 
-    where l_j is the greatest distance of a point of the body that j moves from the axis of j (1 for a joint
-    that slides).  Proof: go from q to q' by turning one joint after the other, from the base on.  When j
-    turns, the joints behind it still stand as in q, and they alone decide how far the body is from the axis
-    of j; so none of its points moves by more than |q'_j - q_j| l_j(q).  A body lies in the ball around its
-    shape: with that ball's center c and radius r, and the column (v, w) of the Jacobian of j about the
-    world's origin, l_j <= |v + w x c| + r |w|.
+    where l_j is the maximum distance of a point of the body that j moves from the axis of j (1 for a
+    prismatic joint).  Proof: go from q to q' by rotating one joint after the other, starting at the base.
+    When j rotates, the joints behind it are still at q, and they alone determine the distance of the body
+    from the axis of j; so none of its points moves by more than |q'_j - q_j| l_j(q).  A body lies in the
+    sphere around its shape: with that sphere's center c and radius r, and the column (v, w) of the Jacobian
+    of j about the world's origin, l_j <= |v + w x c| + r |w|.
 
-    So a distance at q bounds from below what it can be in a stretch of configurations around q.  Stretches
-    are halved, each with the pairs that are still open in it, until no bound is below the least distance
-    found.  Of most pairs a lower bound of the distance at q does (`pepper_kin.core.certificates.clearance`);
-    those that may be the nearest of all are measured by coal.
+    So a distance at q is a lower bound, after subtraction, for an interval of configurations around q.
+    Intervals are halved, each with the pairs that are still open in it, until no bound is below the minimum
+    distance found.  For most pairs a lower bound of the distance at q suffices
+    (`pepper_kin.core.certificates.clearance`); coal measures the pairs that may be the nearest of all.
 
     Args:
         pepper: The robot.
-        q: Joint positions [rad or m], shape (T, n).  Neighbors should be near each other: nothing is wrong
-            if they are not, but then little can be left out.
-        scene: The world around it, with what the robot holds; None for the robot against itself only.
-        times: When the robot is there [s], one number or shape (T,): obstacles that move are where they are
-            then, at a distance less what their uncertainty has grown by.  None: all stand as at time 0.
+        q: Joint positions [rad or m], shape (T, n).  Successive ones should be near each other: the result is
+            correct if they are not, but then more configurations have to be measured.
+        scene: The world around it, with attached objects; None for the robot against itself only.
+        times: Times of the configurations [s], one number or shape (T,): moving obstacles are where they are
+            then, at a distance less the growth of their uncertainty.  None: all stand as at time 0.
         to: Which pairs count, as in `clearance`; tables of joint ranges count for all but "obstacles".
 
     Returns:
-        What was found.  The distance is the least of all to the accuracy of coal's (2e-6 m); where several
-        are equal to that accuracy, the configuration is one of them.
+        The minimum distance, to the accuracy of coal's distances (2e-6 m), and its configuration; if several
+        are equal to that accuracy, one of them.
 
     Raises:
-        InvalidValueError: for a q of wrong shape, without configurations, or with NaN or infinity; a time
-            below 0; or another word for `to`.
+        InvalidValueError: for a q of wrong shape, without configurations, or with NaN or infinity; a negative
+            time; or another word for `to`.
     """
     path = as_joint_vectors(pepper, q, "q")
     if path.ndim != 2 or not len(path):
@@ -139,19 +139,19 @@ def least_clearance(
 def clearance_along(
     pepper: PepperModel, q: ArrayLike, scene: Scene | None = None, times: ArrayLike | None = None
 ) -> Clearance:
-    """Return the least distances to itself and to obstacles along configurations; see `least_clearance`.
+    """Return the minimum distances to itself and to obstacles along configurations; see `least_clearance`.
 
     Args:
         pepper: The robot.
         q: Joint positions [rad or m], shape (T, n).
-        scene: The world around it, with what the robot holds; None for the robot against itself only.
-        times: When the robot is there [s], one number or shape (T,), as in `least_clearance`.
+        scene: The world around it, with attached objects; None for the robot against itself only.
+        times: Times of the configurations [s], one number or shape (T,), as in `least_clearance`.
 
     Returns:
-        Both; that to itself is at most 0 where a table of joint ranges forbids a configuration.
+        Both distances; the one to itself is at most 0 if a table of joint ranges forbids a configuration.
 
     Raises:
-        InvalidValueError: as `least_clearance` does.
+        InvalidValueError: for an invalid q or time, as in `least_clearance`.
     """
     own = least_clearance(pepper, q, scene, to="self")
     around = least_clearance(pepper, q, scene, times, to="obstacles")
@@ -162,16 +162,16 @@ def clearance_along(
 def least_clearance_of_movers(
     movers: Movers, states: Array, times: Array, known: float = np.inf
 ) -> LeastClearance:
-    """Return the least distance of the robot to obstacles that move, less what uncertainties have grown by.
+    """Return the minimum distance of the robot to moving obstacles, less the growth of their uncertainties.
 
     Args:
         movers: The obstacles.
         states: Configurations of `movers.robot`, shape (T, n + 6 k).
-        times: Their times [s], shape (T,).
-        known: A distance above which none is looked for [m].
+        times: Times of the configurations [s], shape (T,).
+        known: Distance above which none is searched for [m].
 
     Returns:
-        What was found; where nothing is nearer than `known`, that distance without a pair.
+        The minimum distance; if nothing is nearer than `known`, that distance without a pair.
     """
     checker = checker_for(movers.robot, movers.scene)
     uncertainty = {item.name: item.uncertainty for item in movers.items}
@@ -184,18 +184,18 @@ def least_clearance_of_movers(
 
 
 def approach_speed(pepper: PepperModel, rates: ArrayLike, scene: Scene | None = None) -> float:
-    """Return a bound on how fast any pair of bodies that is checked comes nearer to one another [m/s].
+    """Return a bound on the speed at which any checked pair of bodies comes nearer to one another [m/s].
 
-    The bodies of a pair come nearer by at most sum_j l_j |dq_j/dt|, over the joints j that move one against
-    the other, with l_j the motion bounds of `pepper_kin.collision.motion_tree`, wherever the joints stand.
+    The bodies of a pair come nearer at most at sum_j l_j |dq_j/dt|, over the joints j that move one against
+    the other, with l_j the motion bounds of `pepper_kin.collision.motion_tree`, at any joint positions.
 
     Args:
         pepper: The robot.
-        rates: Bounds on |dq/dt| [rad/s or m/s], shape (m, n), of which the worst counts.
-        scene: The world around it, with what moves in it; None for the robot against itself only.
+        rates: Bounds on |dq/dt| [rad/s or m/s], shape (m, n); the largest result counts.
+        scene: The world around it, with moving obstacles; None for the robot against itself only.
 
     Returns:
-        The bound; 0 where no pair is checked.
+        The bound; 0 if no pair is checked.
     """
     groups = movers_of(pepper, scene)
     if groups and scene is not None:
@@ -211,25 +211,25 @@ def approach_speed(pepper: PepperModel, rates: ArrayLike, scene: Scene | None = 
         return 0.0
     full = np.asarray(rates, dtype=float) @ np.abs(np.asarray(pepper.full_map)).T
     bounds, moving = _known(checker.pepper, checker._shapes).motion_bounds, full.any(axis=0)
-    if not moving.all():  # places of obstacles do not move here, and the bounds of many pairs are the same
+    if not moving.all():  # columns of obstacles do not move here, and the bounds of many pairs are equal
         bounds, full = np.unique(bounds[:, moving], axis=0), full[:, moving]
     return float((bounds @ full.T).max(initial=0.0))
 
 
 class _LeastClearanceSearch:
-    """The search for the least distance along a path.
+    """Search for the minimum distance along a path.
 
     Args:
         checker: The checker.
         path: Joint positions [rad or m], shape (T, n).
-        times: Of the configurations [s], shape (T,); all 0 if omitted.
-        growth: What distances of pairs lose with time [m/s], shape (p,).
-        known: A distance above which none is looked for [m].
+        times: Times of the configurations [s], shape (T,); all 0 if omitted.
+        growth: Rate at which distances of pairs shrink with time [m/s], shape (p,).
+        known: Distance above which none is searched for [m].
         to: Which pairs count.
 
     Attributes:
-        best: The least distance that was measured, or `known` [m].
-        index: Where along the path it was measured.
+        best: The minimum distance measured, or `known` [m].
+        index: Index of the configuration where it was measured.
         measured: Number of configurations at which distances were measured.
     """
 
@@ -291,7 +291,7 @@ class _LeastClearanceSearch:
         return poses, search
 
     def _measure(self, search: ClearanceSearch) -> None:
-        """Measure pairs at one configuration, until none of them can be nearer than the nearest."""
+        """Measure pairs at one configuration, until none of the rest can be the nearest."""
         import pinocchio
 
         index, count = int(search.at[MIDDLE]), int(search.at[TO_MEASURE])
@@ -312,7 +312,7 @@ class _LeastClearanceSearch:
 
 
 class _Known:
-    """What the search knows of the shapes and pairs of checkers."""
+    """Constant data of the search about the shapes and pairs of checkers."""
 
     def __init__(self, pepper: PepperModel, shapes: CheckedShapes) -> None:
         self._pepper, self._shapes = pepper, shapes
@@ -346,7 +346,7 @@ class _Known:
 
     @cached_property
     def motion_bounds(self) -> Array:
-        """How far a unit of each joint brings pairs nearer, wherever the joints stand, one row each."""
+        """Bounds on how much a unit of each joint brings pairs nearer, at any positions, one row each."""
         shapes, solids = self._shapes, self.bodies.solids
         placed = zip(shapes.bodies, solids[:, :3], solids[:, -1], strict=True)
         hulls = [Hull(body.joint, center[np.newaxis], float(radius)) for body, center, radius in placed]
@@ -359,7 +359,7 @@ class _Known:
 
     @cached_property
     def _against(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Which joints move the first body of each pair, and not the second, and the other way round."""
+        """Whether each joint moves the first body of a pair and not the second, and the opposite."""
         carried = moving_tree(self._pepper).carried()
         joints = np.array([body.joint for body in self._shapes.bodies], dtype=int)
         first, second = carried[joints[self._shapes.pairs[0]]], carried[joints[self._shapes.pairs[1]]]
@@ -368,12 +368,12 @@ class _Known:
 
 @kept_for_robot(most=64)
 def _known(pepper: PepperModel, shapes: CheckedShapes) -> _Known:
-    """Return what the search knows of a robot's shapes and pairs."""
+    """Return the search's data about a robot's shapes and pairs, cached."""
     return _Known(pepper, shapes)
 
 
 def _solid(body: CollisionBody) -> tuple[Array, bool]:
-    """Return the `SOLID` numbers of the solid that holds a body, and whether it is the body."""
+    """Return the solid around a body, shape (SOLID,), and whether it equals the body."""
     import coal
 
     placed, numbers = body.geometry_object, np.zeros(SOLID)

@@ -1,4 +1,4 @@
-"""Loads: what attached objects and payloads add to joint torques, to the floor's wrench and to the mass.
+"""Loads: contributions of attached objects and payloads to joint torques, the floor's wrench and the mass.
 
 A load of mass m, center of mass c and inertia I about it, fixed in a frame of origin p and rotation R, needs
 
@@ -7,7 +7,7 @@ A load of mass m, center of mass c and inertia I about it, fixed in a frame of o
 force and moment about p (Newton and Euler).  It adds J_v^T f + J_w^T n to the torques of the joints, and
 (f, p x f + n) to the wrench of the floor about the world's origin.
 
-Machine code takes loads by their inertial parameters (see `pepper_kin.dynamics.load`), in which torques and
+Machine code uses the inertial parameters of loads (see `pepper_kin.dynamics.load`), in which torques and
 wrenches are linear.
 """
 
@@ -35,9 +35,9 @@ if TYPE_CHECKING:
 def loads_of(
     pepper: PepperModel, scene: Scene | None = None, payload: Mapping[str, float] | None = None
 ) -> Loads:
-    """Return all that a robot carries: a payload, and the objects of a scene that are attached with a mass.
+    """Return all loads of a robot: a payload, and the objects of a scene that are attached with a mass.
 
-    They add up: an object that is attached with its mass is not to be named as a payload, too.
+    They add up: an object that is attached with its mass must not be named as a payload, too.
 
     Args:
         pepper: The robot.
@@ -45,7 +45,7 @@ def loads_of(
         payload: Point masses at "left", "right" or a frame by name [kg].
 
     Raises:
-        InvalidValueError: for a mass that is not a finite number above 0, or a scene that is none.
+        InvalidValueError: for a mass that is not a finite number above 0, or an invalid scene.
         UnknownNameError: for a frame that the robot lacks.
     """
     if scene is not None and not isinstance(scene, Scene):
@@ -59,7 +59,7 @@ def loads_of(
 
 
 def checked_loads(pepper: PepperModel, loads: Loads) -> Loads:
-    """Return loads that are given as such, as a tuple.
+    """Return loads as a tuple, after checking them.
 
     Raises:
         InvalidValueError: for anything but a sequence of `Load`.
@@ -73,16 +73,16 @@ def checked_loads(pepper: PepperModel, loads: Loads) -> Loads:
 
 
 def carrying(pepper: PepperModel, loads: Loads) -> PepperModel:
-    """Return the robot with what it carries added to Pinocchio's model of it, the same one at each call."""
+    """Return the robot with its loads added to its Pinocchio model, cached."""
     return with_inertias(pepper, tuple((one.frame, one.mass, one.center, one.inertia) for one in loads))
 
 
 def load_torque(pepper: PepperModel, loads: Loads, q: Array, v: Array, a: Array) -> Array:
-    """Return what loads add to the torques of the joints.
+    """Return the contribution of loads to the torques of the joints.
 
     Args:
         pepper: The robot.
-        loads: What it carries.
+        loads: The loads.
         q: Joint positions [rad or m], shape (..., n).
         v: Joint velocities [rad/s or m/s], shape (..., n).
         a: Joint accelerations [rad/s^2 or m/s^2], shape (..., n).
@@ -101,11 +101,11 @@ def load_torque(pepper: PepperModel, loads: Loads, q: Array, v: Array, a: Array)
 
 
 def inverse_dynamics_with(pepper: PepperModel, loads: Loads, q: Array, v: Array, a: Array) -> Array:
-    """Return the torques of a robot with what it carries [N m or N], shape (..., n).
+    """Return the torques of a robot with loads [N m or N], shape (..., n).
 
     Args:
         pepper: The robot.
-        loads: What it carries.
+        loads: The loads.
         q: Joint positions [rad or m], shape (..., n).
         v: Joint velocities [rad/s or m/s], shape (..., n).
         a: Joint accelerations [rad/s^2 or m/s^2], shape (..., n).
@@ -115,11 +115,11 @@ def inverse_dynamics_with(pepper: PepperModel, loads: Loads, q: Array, v: Array,
 
 
 def load_wrench(pepper: PepperModel, loads: Loads, q: Array, v: Array, a: Array) -> Array:
-    """Return what loads add to the wrench of the floor about the world's origin.
+    """Return the contribution of loads to the wrench of the floor about the world's origin.
 
     Args:
         pepper: The robot.
-        loads: What it carries.
+        loads: The loads.
         q: Joint positions [rad or m], shape (..., n).
         v: Joint velocities [rad/s or m/s], shape (..., n).
         a: Joint accelerations [rad/s^2 or m/s^2], shape (..., n).
@@ -139,7 +139,7 @@ def load_wrench(pepper: PepperModel, loads: Loads, q: Array, v: Array, a: Array)
 def _wrench_at_frame(
     pepper: PepperModel, load: Load, q: Array, v: Array, a: Array
 ) -> tuple[Array, Array | None]:
-    """Return force [N] and moment [N m], shape (..., 3) each, that a load needs at its frame's origin.
+    """Return the force [N] and moment [N m], shape (..., 3) each, at a frame's origin that a load needs.
 
     Args:
         pepper: The robot.
@@ -167,11 +167,11 @@ def _wrench_at_frame(
 
 
 class LoadParameters(NamedTuple):
-    """Loads as machine code takes them.
+    """Inertial parameters of loads for machine code.
 
     Attributes:
         frames: Frames about whose origins the parameters are, each once.
-        values: Inertial parameters of all that each carries, shape (frames, PARAMETERS).
+        values: Inertial parameters of all loads of each frame, shape (frames, PARAMETERS).
     """
 
     frames: tuple[str, ...]
@@ -179,16 +179,16 @@ class LoadParameters(NamedTuple):
 
     @property
     def static(self) -> Array:
-        """What counts at rest, one frame after the other, shape (STATIC_PARAMETERS frames,)."""
+        """Parameters that matter at rest, one frame after the other, shape (STATIC_PARAMETERS frames,)."""
         return np.ascontiguousarray(self.values[:, :STATIC_PARAMETERS]).ravel()
 
 
 @kept_for_robot(most=64)
 def load_parameters(pepper: PepperModel, loads: Loads) -> LoadParameters:
-    """Return the inertial parameters of loads, those on one body of the robot added up.
+    """Return the inertial parameters of loads, summed for each body of the robot.
 
-    What hangs on a body that has a hand's effector is moved there, so that the machine code of payloads in
-    hands serves it; else it stays at its frame, or at that of the body's first load.
+    Loads on a body that has a hand's end effector are moved there, so that the machine code of payloads in
+    hands is reused; other loads stay at their frame, or at the frame of the body's first load.
     """
     tree = moving_tree(pepper)
     anchors: dict[int, str] = {
@@ -207,17 +207,17 @@ def load_parameters(pepper: PepperModel, loads: Loads) -> LoadParameters:
         second = np.trace(tensor) / 2 * np.eye(3) - tensor + load.mass * np.outer(center, center)
         row = np.concatenate([[load.mass], load.mass * center, second[np.triu_indices(3)]])
         found[anchor] = found.get(anchor, np.zeros(PARAMETERS)) + row
-    # In the order of names: the same frames are the same machine code.
+    # Sorted by name: the same frames share machine code.
     frames = tuple(sorted(found))
     return LoadParameters(frames, np.array([found[frame] for frame in frames]).reshape(-1, PARAMETERS))
 
 
 def center_of_mass_with(pepper: PepperModel, loads: Loads, q: Array) -> Array:
-    """Return the center of mass of the robot with what it carries, in the world [m], shape (..., 3).
+    """Return the center of mass of the robot with its loads, in the world [m], shape (..., 3).
 
     Args:
         pepper: The robot.
-        loads: What it carries.
+        loads: The loads.
         q: Joint positions [rad or m], shape (..., n).
     """
     mass = dynamics.total_mass(pepper)
@@ -234,7 +234,7 @@ def center_of_mass_jacobian_with(pepper: PepperModel, loads: Loads, q: Array) ->
 
     Args:
         pepper: The robot.
-        loads: What it carries.
+        loads: The loads.
         q: Joint positions [rad or m], shape (..., n).
     """
     mass = dynamics.total_mass(pepper)

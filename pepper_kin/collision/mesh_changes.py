@@ -1,4 +1,4 @@
-"""Scenes whose mesh files have changed on disk: the checkers that are kept for them are made again."""
+"""Scenes whose mesh files have changed on disk, for which cached checkers are built again."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ State = tuple[tuple[str | int, ...] | None, ...]
 
 _files: WeakKeyDictionary[Scene, tuple[Path, ...]] = WeakKeyDictionary()
 _current: WeakKeyDictionary[Scene, tuple[State, Scene | None]] = WeakKeyDictionary()
-"""Of each scene the state of its files, and the scene that stands for it; None for itself."""
+"""State of each scene's files, and the scene that replaces it; None for itself."""
 
 
 def as_on_disk(scene: Scene | None) -> Scene | None:
-    """Return a scene with its mesh files as they are now: the same value as long as these do not change.
+    """Return a scene with its mesh files as they are now: the same value as long as they do not change.
 
-    What is made for a scene is kept by its value, and a file that changes makes it another.
+    Data of a scene is cached by its value, and a changed file makes it another value.
 
     Raises:
-        InvalidValueError: for something else than a scene.
+        InvalidValueError: for anything but a scene.
     """
     if scene is None:
         return None
@@ -51,6 +51,7 @@ def as_on_disk(scene: Scene | None) -> Scene | None:
 
 
 def _state(file: Path) -> tuple[str | int, ...] | None:
+    """Return the state of a file; None if it is missing."""
     try:
         return file_state(file)
     except FileFormatError:

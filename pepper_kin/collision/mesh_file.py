@@ -1,4 +1,4 @@
-"""Triangles of a mesh file: STL (binary or text) and OBJ by own readers, other formats by trimesh."""
+"""Triangles of a mesh file: STL (binary or text) and OBJ by separate readers, other formats by trimesh."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ def read_mesh(
     """Read the vertices and triangles of a mesh.
 
     Args:
-        path: The file; its suffix is the format.
+        path: The file; its suffix determines the format.
         scale: Factors along x, y and z, shape (3,), or one for all, from the file's unit to meters.
 
     Returns:
-        Vertices, shape (k, 3) [m], and faces, shape (f, 3), indices of vertices. Faces with two corners at
-        one place are left out.
+        Vertices, shape (k, 3) [m], and faces, shape (f, 3), indices of vertices.  Faces with two equal
+        corners are left out.
 
     Raises:
-        FileFormatError: naming the file, and the line in a text, with what is wrong.
+        FileFormatError: naming the file, the line if it is a text, and the fault.
         InvalidValueError: for a scale that is not finite.
     """
     vertices, faces, _ = read_colored_mesh(path, scale)
@@ -48,7 +48,7 @@ def read_colored_mesh(
 
     Returns:
         Vertices and faces as of `read_mesh`, and the colors of the faces, shape (f, 4): red, green, blue and
-        opacity of 0 to 255. Shape (0, 4) where the file names none, or is STL or OBJ.
+        opacity from 0 to 255; shape (0, 4) if the file has none, or is STL or OBJ.
     """
     file = Path(path)
     factors = scale_factors(scale, "scale")
@@ -77,10 +77,10 @@ def read_colored_mesh(
 
 
 def check_is_file(file: Path) -> None:
-    """Refuse a file that is missing.
+    """Refuse a missing file.
 
     Raises:
-        FileFormatError: naming it; where its folder is unknown, what that is for.
+        FileFormatError: naming the file and, if its folder is unknown, the option that sets it.
     """
     if not os.path.isfile(file):  # Path.is_file raises for names that are too long
         hint = (
@@ -90,10 +90,10 @@ def check_is_file(file: Path) -> None:
 
 
 def file_state(path: Path) -> tuple[str | int, ...]:
-    """Return what changes when a mesh file does: its place, for relative names, times, size and inode.
+    """Return values that change when a mesh file does: absolute path, times, size and inode.
 
     Raises:
-        FileFormatError: where there is no such file.
+        FileFormatError: if there is no such file.
     """
     check_is_file(path)
     state = path.stat()
@@ -101,7 +101,7 @@ def file_state(path: Path) -> tuple[str | int, ...]:
 
 
 def scale_factors(scale: ArrayLike, quantity: str) -> NDArray[np.float64]:
-    """Return factors along x, y and z, shape (3,), of three numbers, shape (3,), or of one for all.
+    """Return factors along x, y and z, shape (3,), from three numbers, shape (3,), or one for all.
 
     Raises:
         InvalidValueError: for another shape, NaN or infinity.
@@ -130,10 +130,10 @@ def triangles_of(
 ) -> tuple[NDArray[np.float64], Any]:
     """Return points, shape (k, 3) [m], and faces, shape (f, 3), given as arrays or as a mesh file.
 
-    Faces that are given are examined where a mesh is made of them.
+    Given faces are checked when a mesh is made of them.
 
     Raises:
-        InvalidValueError: for missing faces, faces beside a file, a wrong shape, NaN or infinity.
+        InvalidValueError: for missing faces, faces in addition to a file, a wrong shape, NaN or infinity.
         FileFormatError: naming the file.
     """
     from_file = isinstance(vertices, str | os.PathLike)
@@ -146,6 +146,7 @@ def triangles_of(
 
 
 def _stl(file: Path, content: bytes) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return vertices [m], shape (k, 3), and faces, shape (f, 3), of an STL file, binary or text."""
     count = int.from_bytes(content[80:_HEADER], "little")
     if len(content) >= _HEADER and len(content) == _HEADER + count * _TRIANGLE.itemsize:
         corners = np.frombuffer(content, _TRIANGLE, count, _HEADER)["corners"].astype(float).reshape(-1, 3)
@@ -162,12 +163,12 @@ def _stl(file: Path, content: bytes) -> tuple[NDArray[np.float64], NDArray[np.in
 
 
 def unique_rows(points: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.int64]]:
-    """Return the different rows of an array, shape (k, d), sorted, and the place of every row among them.
+    """Return the unique rows of an array, shape (k, d), sorted, and the index of every row among them.
 
-    The rows have shape (u, d), the places shape (k,).
+    The rows have shape (u, d), the indices shape (k,).
 
-    What `np.unique(points, axis=0, return_inverse=True)` returns, five times as fast for points in space:
-    columns are sorted one by one, not rows as texts of bytes.
+    The result equals `np.unique(points, axis=0, return_inverse=True)`, five times as fast for points in
+    space: columns are sorted one by one, instead of rows as byte strings.
     """
     order = np.lexsort(points.T[::-1])
     ordered = points[order]
@@ -179,6 +180,7 @@ def unique_rows(points: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.int64]]:
 
 
 def _text_stl(file: Path, content: bytes) -> NDArray[np.float64]:
+    """Return the corners of a text STL file's triangles, shape (3 f, 3)."""
     corners = []
     for number, line in enumerate(_lines(file, content), 1):
         words = line.split()
@@ -190,6 +192,7 @@ def _text_stl(file: Path, content: bytes) -> NDArray[np.float64]:
 
 
 def _obj(file: Path, content: bytes) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return vertices, shape (k, 3), and faces, shape (f, 3), of an OBJ file; polygons become fans."""
     vertices: list[list[float]] = []
     faces: list[list[int]] = []
     for number, line in enumerate(_lines(file, content), 1):
@@ -205,7 +208,7 @@ def _obj(file: Path, content: bytes) -> tuple[NDArray[np.float64], NDArray[np.in
 
 
 def _obj_index(file: Path, word: str, count: int, line: int) -> int:
-    """Return the place of a face's corner; OBJ counts from 1, or backwards from -1."""
+    """Return the index of a face's vertex; OBJ counts from 1, or backwards from -1."""
     index = plain_whole(word.split("/", 1)[0])
     if index is None:
         raise FileFormatError(file, f"face corner {shortened(repr(word))} is not a whole number", line)
@@ -223,6 +226,7 @@ def _lines(file: Path, content: bytes) -> list[str]:
 
 
 def _numbers(file: Path, words: list[str], line: int) -> list[float]:
+    """Return the three finite numbers of a vertex on a line."""
     numbers = [plain_number(word) for word in words]
     if len(numbers) != 3 or not all(map(math.isfinite, numbers)):
         found = shortened(repr(" ".join(words)))

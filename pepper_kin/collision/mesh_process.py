@@ -1,7 +1,7 @@
-"""Mesh files read by trimesh in a separate process, within limits of time and memory.
+"""Mesh files read by trimesh in a separate process, with limits of time and memory.
 
 COLLADA, PLY, glTF and other formats hold references, repetitions and compressed parts: a small file can
-ask for endless work or for all memory.  A process that is ended when it takes too much keeps that from the
+require endless work or all memory.  The process is killed when it exceeds the limits, which protects the
 caller.  It is started with the first such file, and serves all later ones.
 """
 
@@ -24,12 +24,12 @@ from numpy.typing import NDArray
 from pepper_kin.exceptions import FileFormatError, MissingDependencyError
 
 SECONDS = 8.0
-"""Longest time that reading a file may take [s], beside SECONDS_PER_BYTE for each byte of it."""
+"""Maximum time to read a file [s], in addition to SECONDS_PER_BYTE for each byte of it."""
 SECONDS_PER_BYTE = 4e-7
 START = 60.0
-"""Longest time that the process may take to start [s]."""
+"""Maximum time for the process to start [s]."""
 MEMORY = 800_000_000
-"""Memory that reading a file may take [bytes], beside MEMORY_PER_BYTE for each byte of it."""
+"""Maximum memory to read a file [bytes], in addition to MEMORY_PER_BYTE for each byte of it."""
 MEMORY_PER_BYTE = 40
 
 _SERVER = Path(__file__).with_name("mesh_server.py")
@@ -39,26 +39,26 @@ _owner = 0
 
 
 def mesh_of_other_format(file: Path) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.uint8]]:
-    """Read a mesh of a format that trimesh knows, such as COLLADA, PLY or glTF.
+    """Read a mesh of a format that trimesh supports, such as COLLADA, PLY or glTF.
 
     The transforms of the file's scene and its unit are applied.  Its up axis is not, as in ROS: robot
-    descriptions are made for programs that leave it out (TIAGo's parts would lie on their sides).
+    descriptions are made for programs that ignore it (TIAGo's parts would lie on their sides).
 
     Args:
-        file: The file; its suffix is the format.
+        file: The file; its suffix determines the format.
 
     Returns:
         Vertices, shape (k, 3) [m]; faces, shape (f, 3), indices of vertices; and the faces' colors, shape
-        (f, 4), red, green, blue and opacity of 0 to 255, or (0, 4) where the file names none.
+        (f, 4), red, green, blue and opacity from 0 to 255, or (0, 4) if the file has none.
 
     Raises:
-        FileFormatError: naming the file: it cannot be read, or takes more than SECONDS or MEMORY.
+        FileFormatError: naming the file, if it cannot be read, or exceeds SECONDS or MEMORY.
     """
     with _lock:
         try:
             head, parts = _answer(_running(), file)
         except BaseException:
-            _end()  # what is half read would be taken for the next file's
+            _end()  # a rest of this answer would be read as the next file's
             raise
     if "error" in head:
         raise FileFormatError(file, f"cannot be read as a mesh: {head['error']}")
@@ -67,7 +67,7 @@ def mesh_of_other_format(file: Path) -> tuple[NDArray[np.float64], NDArray[np.in
 
 
 def _running() -> subprocess.Popen[bytes]:
-    """Return the process; it is another one after a fork, whose pipes would be shared otherwise."""
+    """Return the process, a new one after a fork, which would otherwise share its pipes."""
     global _process, _owner
     if _process is not None and (_owner != os.getpid() or _process.poll() is not None):
         _process = None
@@ -88,7 +88,7 @@ def _running() -> subprocess.Popen[bytes]:
 
 
 def _answer(process: subprocess.Popen[bytes], file: Path) -> tuple[dict[str, Any], list[NDArray[Any]]]:
-    """Return the head of the answer, and the arrays that it announces."""
+    """Return the header of the answer, and the arrays that it announces."""
     size = file.stat().st_size
     memory, seconds = MEMORY + MEMORY_PER_BYTE * size, SECONDS + SECONDS_PER_BYTE * size
     request = json.dumps({"path": str(file.absolute()), "memory": memory}).encode() + b"\n"
@@ -112,6 +112,7 @@ def _answer(process: subprocess.Popen[bytes], file: Path) -> tuple[dict[str, Any
 
 
 def _exactly(stream: IO[bytes], count: int) -> bytes:
+    """Return exactly `count` bytes of a stream, or raise EOFError."""
     content = stream.read(count)
     if len(content) < count:
         raise EOFError
@@ -120,7 +121,7 @@ def _exactly(stream: IO[bytes], count: int) -> bytes:
 
 @contextlib.contextmanager
 def _ended_after(seconds: float, process: subprocess.Popen[bytes]) -> Iterator[threading.Event]:
-    """End the process, so that reading from it returns, where the block takes longer [s]."""
+    """Kill the process, so that reading from it returns, if the block takes longer [s]."""
     late = threading.Event()
 
     def end() -> None:
@@ -137,7 +138,7 @@ def _ended_after(seconds: float, process: subprocess.Popen[bytes]) -> Iterator[t
 
 
 def _end() -> None:
-    """End the process, if it is this one's."""
+    """Kill the process, if this process started it."""
     global _process
     process, _process = _process, None
     if process is None or _owner != os.getpid():

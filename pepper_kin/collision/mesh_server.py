@@ -1,8 +1,8 @@
-"""The process behind `mesh_process`: reads the mesh files named on its input, and writes arrays.
+"""Server process of `mesh_process`: reads the mesh files named on its input, and writes arrays.
 
-It runs as a script and imports nothing of pepper_kin.  A request is a line of JSON: the path, and the memory
-that may be taken [bytes].  An answer is eight bytes that count those of a JSON text, the text, and the arrays
-that it announces; or a text with the error.
+It runs as a script and imports nothing of pepper_kin.  A request is a line of JSON: the path, and the maximum
+memory [bytes].  An answer is eight bytes with the length of a JSON text, the text, and the arrays that it
+announces; or a text with the error.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from xml.etree import ElementTree
 import numpy as np
 
 Part = tuple[np.ndarray[Any, Any], np.ndarray[Any, Any], "np.ndarray[Any, Any] | None"]
-"""Vertices [m], faces, and one color for all or one for each of them, or None."""
+"""Vertices [m], faces, and one color for all faces or one for each, or None."""
 NO_COLOR = np.array([204, 204, 204, 255])
-"""Color of faces that name none beside others that do."""
+"""Color of faces without one if other faces have one."""
 _OF_MATERIALS = ("library_images", "library_effects", "library_materials", "bind_material")
 
 
 def main() -> None:
-    """Serve until the input ends."""
+    """Serve requests until the input ends."""
     for package in ("collada", "trimesh"):  # loaded before memory is limited
         importlib.import_module(package)
     out = sys.stdout.buffer
@@ -41,7 +41,7 @@ def main() -> None:
             head = {"error": "it takes too much memory"}
         except RecursionError:
             head = {"error": "its parts are nested without end"}
-        except Exception as error:  # whatever a reader of damaged files comes upon
+        except Exception as error:  # readers of damaged files raise anything
             head = {"error": " ".join((f"{type(error).__name__}: {error}")[:200].split())}
         text = json.dumps(head).encode()
         out.write(len(text).to_bytes(8, "little") + text)
@@ -51,6 +51,7 @@ def main() -> None:
 
 
 def _limit(memory: int) -> None:
+    """Limit the memory of this process [bytes]."""
     try:
         import resource
     except ImportError:  # on Windows only time is limited
@@ -62,7 +63,7 @@ def _limit(memory: int) -> None:
 
 
 def _read(path: str) -> list[np.ndarray[Any, Any]]:
-    """Return vertices [m], faces, and the faces' colors: no rows where the file names none."""
+    """Return vertices [m], faces, and the faces' colors: no rows if the file has none."""
     parts = _collada(path) if path.lower().endswith(".dae") else _by_trimesh(path)
     vertices, faces, colors = [np.empty((0, 3))], [np.empty((0, 3), np.int64)], []
     count = 0
@@ -80,7 +81,7 @@ def _read(path: str) -> list[np.ndarray[Any, Any]]:
 
 
 def _collada(path: str) -> list[Part]:
-    """Read COLLADA by pycollada; once more without its materials where these are broken."""
+    """Read COLLADA by pycollada; again without its materials if these are broken."""
     import collada
 
     with open(path, "rb") as file:

@@ -1,4 +1,4 @@
-"""Bounds on how far joints move any point of a robot, proven by the tree of its joints and their ranges."""
+"""Motion bounds of joints for all points of a robot, proven from the tree of its joints and their ranges."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from pepper_kin.model.moving_tree import moving_tree
 from pepper_kin.model.tree_order import depth_first
 
 SLACK = 1e-6
-"""What joints may leave their ranges by [rad or m]."""
+"""Distance by which joints may leave their ranges [rad or m]."""
 
 LEAST = 1e-3
-"""Least bound of a joint, which is a weight of a metric and so above zero [m/rad or 1]."""
+"""Minimum bound of a joint, which is a weight of a metric and so must be positive [m/rad or 1]."""
 
 _SIGNS = np.array(np.meshgrid([-1.0, 1.0], [-1.0, 1.0], [-1.0, 1.0])).reshape(3, -1).T
 
 
 class Hull(NamedTuple):
-    """A body within the convex hull of equal balls.
+    """A body within the convex hull of equal spheres.
 
     Attributes:
-        joint: The joint of the Pinocchio model that carries it, 0 for the base.
-        centers: In that joint's frame [m], shape (k, 3).
-        radius: Of all balls [m].
+        joint: Index of the joint of the Pinocchio model that carries it, 0 for the base.
+        centers: Centers of the spheres in that joint's frame [m], shape (k, 3).
+        radius: Radius of all spheres [m].
     """
 
     joint: int
@@ -46,18 +46,17 @@ def motion_bounds(
     """Return how far each joint can move a point of the body, per radian or meter.
 
     No point of the robot's collision shapes moves by more than sum_j r_j |dq_j| while all joints stay within
-    the ranges given; see `pepper_kin.core.motion_bounds`.
+    the given ranges; see `pepper_kin.core.motion_bounds`.
 
     Args:
         pepper: The robot.
         lower: Lower ends of the joints' ranges, shape (n,) [rad or m]; the joint limits if omitted.
-        upper: Upper ends, shape (n,).
-        held: For each object that hangs on the robot, its frame and the greatest distance of a point of it
-            from the frame's origin [m].
+        upper: Upper ends of the joints' ranges, shape (n,) [rad or m]; the joint limits if omitted.
+        held: Frame of each attached object, and maximum distance of its points from the frame's origin [m].
 
     Returns:
-        r, shape (n,) [m/rad, or 1 for a prismatic joint], above zero; infinite where a joint that is carried
-        slides without limits.
+        r, shape (n,) [m/rad, or 1 for a prismatic joint], positive; infinite if a prismatic joint that is
+        carried has no limits.
 
     Raises:
         FileFormatError: for a mesh whose file cannot be read.
@@ -70,7 +69,7 @@ def motion_bounds(
 
 
 def bounds_anywhere(pepper: PepperModel) -> Array:
-    """Return `motion_bounds` of joints that may turn to anywhere, and slide within their limits."""
+    """Return `motion_bounds` for unlimited revolute joints and prismatic joints within their limits."""
     slides = np.array([unit == "m" for unit in pepper.joint_units])
     lower, upper = (
         np.where(slides, pepper.lower_limits, -np.inf),
@@ -80,9 +79,9 @@ def bounds_anywhere(pepper: PepperModel) -> Array:
 
 
 def motion_bounds_of(pepper: PepperModel, hulls: Sequence[Hull]) -> Array:
-    """Return how far each joint of the Pinocchio model moves each of some bodies, shape (m, nv) [m/rad or 1].
+    """Return how far each joint of the Pinocchio model moves each given body, shape (m, nv) [m/rad or 1].
 
-    Joints may turn to anywhere, and slide within their limits.  Infinite for a body without bounds.
+    Revolute joints are unlimited, prismatic joints within their limits.  Infinite for a body without bounds.
     """
     bounded = [
         hull if np.isfinite(hull.centers).all() else Hull(hull.joint, np.zeros((1, 3)), np.inf)
@@ -99,7 +98,7 @@ def motion_bounds_of(pepper: PepperModel, hulls: Sequence[Hull]) -> Array:
 
 @kept_for_robot(most=32)
 def motion_tree(pepper: PepperModel, held: tuple[tuple[str, float], ...] = ()) -> MotionTree:
-    """Return the joints of a robot with its collision shapes, and what hangs on it, as bodies."""
+    """Return the joints of a robot with its collision shapes and attached objects as bodies, cached."""
     tree, hulls = moving_tree(pepper), []
     for shape in pepper.collision_shapes:
         pose = tree.frame_poses[shape.link] @ shape.transform_shape_to_link
@@ -112,7 +111,7 @@ def motion_tree(pepper: PepperModel, held: tuple[tuple[str, float], ...] = ()) -
 
 
 def tree_of(pepper: PepperModel, hulls: Sequence[Hull]) -> MotionTree:
-    """Return the joints of a robot with some bodies."""
+    """Return the joints of a robot with given bodies."""
     tree = moving_tree(pepper)
     counts = [len(hull.centers) for hull in hulls]
     return MotionTree(
@@ -134,13 +133,13 @@ def _within_limits(pepper: PepperModel, held: tuple[tuple[str, float], ...]) -> 
 
 
 def _bounds(pepper: PepperModel, tree: MotionTree, lower: Array, upper: Array) -> Array:
-    """Return how far a unit of each joint moves any body, shape (n,) [m/rad, or 1], between bounds of q.
+    """Return how far a unit of each joint moves any body, shape (n,) [m/rad, or 1], within bounds of q.
 
     Args:
         pepper: The robot.
-        tree: Its joints and bodies.
-        lower: Least joint positions [rad or m], shape (n,).
-        upper: Greatest joint positions [rad or m], shape (n,).
+        tree: Joints and bodies.
+        lower: Minimum joint positions [rad or m], shape (n,).
+        upper: Maximum joint positions [rad or m], shape (n,).
     """
     gains, taken = np.asarray(pepper.full_map), np.asarray(pepper.full_map) != 0.0
     low, high = lower - SLACK, upper + SLACK
@@ -157,7 +156,7 @@ def _bounds(pepper: PepperModel, tree: MotionTree, lower: Array, upper: Array) -
 
 
 def _hull(geometry: Geometry) -> tuple[Array, float]:
-    """Return balls whose convex hull holds a geometry: centers in its frame, shape (k, 3), and radius."""
+    """Return spheres whose hull encloses a geometry: centers in its frame, shape (k, 3), and radius [m]."""
     if isinstance(geometry, Sphere):
         return np.zeros((1, 3)), geometry.radius
     if isinstance(geometry, Capsule):

@@ -1,10 +1,10 @@
-"""Obstacles that move, compared at the time of each configuration.
+"""Moving obstacles, compared at the time of each configuration.
 
-To the checks they hang on the robot: at the ends of chains of six joints from its root link, three that slide
-and three that turn, whose positions are the obstacle's place.  Verdicts, distances and bounds between
-neighbors are then those of a robot of more joints, by the same code.  Tables of a robot grow with the second
-power of its joints, and Pinocchio's working memory with the third; so at most `GROUP` obstacles hang on one
-robot, and further ones on others like it.
+To the checks they are attached to the robot: at the ends of chains of six joints from its root link, three
+prismatic and three revolute, whose positions are the obstacle's pose.  Verdicts, distances and bounds between
+successive configurations are then those of a robot with more joints, by the same code.  Tables of a robot
+grow with the second power of its joints, and Pinocchio's working memory with the third; so at most `GROUP`
+obstacles are attached to one robot, and further ones to copies of it.
 """
 
 from __future__ import annotations
@@ -32,18 +32,18 @@ _AXES = ("1 0 0", "0 1 0", "0 0 1", "0 0 1", "0 1 0", "1 0 0")  # x, y, z, then 
 _PLACE = len(_AXES)
 _FARTHEST = 1e5  # [m]
 GROUP = 8
-"""Obstacles that hang on one robot at most: of Pepper, their joints are then some three times its own."""
+"""Maximum number of obstacles attached to one robot: Pepper then has some three times its own joints."""
 
 
 @dataclass(frozen=True, eq=False)
 class Movers:
-    """Some obstacles of a scene that move, and the robot with their places as joints.
+    """Moving obstacles of a scene, and the robot with their poses as joints.
 
     Attributes:
         robot: The robot, of n + 6 k joints.
-        scene: The obstacles, k of them, hanging on it, and what the robot holds.  Nothing else is compared.
+        scene: The k obstacles, attached to it, and the robot's attached objects.  Nothing else is compared.
         items: The obstacles at time 0.
-        columns: Where the joints of q, then the places, are among those of `robot`, shape (n + 6 k,).
+        columns: Indices among the joints of `robot` of the joints of q, then of the poses, shape (n + 6 k,).
     """
 
     robot: PepperModel
@@ -55,7 +55,7 @@ class Movers:
         """Return configurations of `robot`, shape (T, n + 6 k), for q, shape (T, n), at times [s], (T,)."""
         places = np.empty((len(times), len(self.items), _PLACE))
         for k, item in enumerate(self.items):
-            straight = item.path is None  # does not turn
+            straight = item.path is None  # does not rotate
             poses = item.transform_object_to_world[None] if straight else item.poses(times)
             places[:, k, :3] = poses[:, :3, 3]
             if straight:
@@ -64,29 +64,29 @@ class Movers:
         return self.joined(q, places.reshape(len(times), len(self.items) * _PLACE))
 
     def joined(self, own: Array, places: Array) -> Array:
-        """Return numbers of the robot's own joints, shape (T, n), and of places, (T, 6 k), as one row."""
+        """Return positions of the robot's own joints, shape (T, n), and of poses, (T, 6 k), as one row."""
         found = np.empty((len(own), self.columns.size))
         found[:, self.columns] = np.concatenate([own, places], axis=1)
         return found
 
     @cached_property
     def uncertainty(self) -> float:
-        """The greatest of all [m/s]."""
+        """Maximum uncertainty of the obstacles [m/s]."""
         return max(item.uncertainty for item in self.items)
 
     @cached_property
     def speed(self) -> float:
-        """The greatest of all [m/s]."""
+        """Maximum speed of the obstacles [m/s]."""
         return max(item.speed for item in self.items)
 
     @cached_property
     def alike(self) -> bool:
-        """Whether all uncertainties are the same."""
+        """Whether all uncertainties are equal."""
         return len({item.uncertainty for item in self.items}) == 1
 
 
 def movers_of(pepper: PepperModel, scene: Scene | None) -> tuple[Movers, ...]:
-    """Return what moves in a scene besides the robot, in groups; none where nothing does."""
+    """Return the moving obstacles of a scene, in groups; an empty tuple if there are none."""
     if scene is None:
         return ()
     held, most = tuple(scene.attached.values()), (MOST_COMPUTED - len(pepper.full_offset)) // _PLACE
@@ -101,7 +101,7 @@ def _group(
     held: tuple[AttachedObject, ...],
     allowed: frozenset[tuple[str, str]],
 ) -> Movers:
-    """Return obstacles that hang on one robot."""
+    """Return obstacles attached to one robot."""
     shapes = tuple((item.name, item.geometry) for item in items)
     robot, scene, columns = _robot_of(pepper, shapes, held, allowed)
     return Movers(robot, scene, items, columns)
@@ -115,10 +115,10 @@ def _turns(poses: Array) -> Array:
 
 
 def checked_times(times: ArrayLike, count: int) -> Array:
-    """Return times of configurations [s], one for each, 0 or more.
+    """Return the times of configurations [s], one for each, 0 or more.
 
     Raises:
-        InvalidValueError: for others.
+        InvalidValueError: for negative times, NaN or infinity.
     """
     found = np.broadcast_to(as_finite(times, "times", np.shape(times)), (count,))
     if found.min(initial=0.0) < 0.0:
@@ -127,7 +127,7 @@ def checked_times(times: ArrayLike, count: int) -> Array:
 
 
 def without_self_pairs(robot: PepperModel) -> dict[tuple[str, str], str]:
-    """Return all pairs of a robot's own links, as those that are not checked."""
+    """Return all pairs of a robot's own links, as disabled pairs."""
     return {sorted_pair(*pair): "Never" for pair in combinations(robot.link_names, 2)}
 
 
@@ -138,7 +138,7 @@ def _robot_of(
     held: tuple[AttachedObject, ...],
     allowed: frozenset[tuple[str, str]],
 ) -> tuple[PepperModel, Scene, NDArray[np.intp]]:
-    """Return a robot with places of obstacles as joints, the scene in which these hang on it, and columns."""
+    """Return a robot with poses of obstacles as joints, the scene in which they are attached, and columns."""
     links, names = pepper.link_names, [name for name, _ in shapes]
     hanging = {
         name: AttachedObject(name, shape, _link(k, _PLACE), np.eye(4))
@@ -147,7 +147,7 @@ def _robot_of(
     own = {item.name: replace(item, touch_links=links) for item in held}
     pairs = [
         pair for pair in allowed if set(pair) <= {*links, *names, *own}
-    ]  # the others are with what stands in the world
+    ]  # all other pairs are with standing obstacles of the world
     pairs += [sorted_pair(*pair) for pair in (*combinations(names, 2), *combinations(own, 2))]
     robot, scene = _with_places(pepper, len(shapes)), Scene(None, {**hanging, **own}, pairs)
     joints = (
@@ -159,7 +159,7 @@ def _robot_of(
 
 @kept_for_robot(most=8)
 def _with_places(pepper: PepperModel, count: int) -> PepperModel:
-    """Return a robot with chains of joints, one for each obstacle, that is not compared with itself."""
+    """Return a robot with chains of joints, one for each obstacle, without self-collision checks."""
     described(pepper)
     root = copy.deepcopy(pepper.document.tree)
     for k in range(count):
@@ -180,4 +180,5 @@ def _with_places(pepper: PepperModel, count: int) -> PepperModel:
 
 
 def _link(k: int, axis: int) -> str:
+    """Return the name of the link at the end of a chain's joint."""
     return f"place of moving object {k}, {axis}"

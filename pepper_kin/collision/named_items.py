@@ -1,4 +1,4 @@
-"""Named items in order that never change, and grow by one at the same cost whatever their number."""
+"""Immutable ordered mapping of names to items that is extended by one item at constant cost."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _lock = threading.Lock()
 class NamedItems(Mapping[str, Item], Generic[Item]):
     """A read-only dictionary, in the order of addition.
 
-    Versions that grew out of one another share their items: each knows how many of them are its own.
+    Versions that are extensions of one another share their items: each has its own count.
 
     Args:
         items: Name -> item.
@@ -29,12 +29,12 @@ class NamedItems(Mapping[str, Item], Generic[Item]):
         self._count = len(self._names)
 
     def and_one(self, name: str, item: Item) -> NamedItems[Item]:
-        """Return these items and one more, whose name none of them has."""
+        """Return these items and one more, with a new name."""
         with _lock:
             grown: NamedItems[Item] = object.__new__(NamedItems)
             if len(self._names) == self._count:
                 grown._names, grown._items, grown._places = self._names, self._items, self._places
-            else:  # another version has grown out of this one
+            else:  # this version has been extended before
                 grown._names, grown._items = self._names[: self._count], self._items[: self._count]
                 grown._places = {known: place for place, known in enumerate(grown._names)}
             grown._names.append(name)
@@ -44,7 +44,7 @@ class NamedItems(Mapping[str, Item], Generic[Item]):
             return grown
 
     def replaced(self, changed: Mapping[str, Item]) -> NamedItems[Item]:
-        """Return these items with others in the place of some, by their names."""
+        """Return these items with some replaced, by name."""
         found: NamedItems[Item] = object.__new__(NamedItems)
         found._names, found._places, found._count = self._names, self._places, self._count
         found._items = self._items[: self._count]

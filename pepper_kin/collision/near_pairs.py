@@ -1,4 +1,4 @@
-"""All pairs of bodies nearer than a distance, and how the joints change these distances."""
+"""All pairs of bodies nearer than a distance, and the gradients of the distances."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ class NearPairs(BriefRepr):
     """Pairs of shapes nearer than a distance at one configuration, nearest first.
 
     Attributes:
-        names: Of each pair: two links, or a link and a scene object.
-        distances: d [m], below zero where the two overlap, shape (k,), read-only.
+        names: Names of each pair: two links, or a link and a scene object.
+        distances: d [m], negative if the two overlap, shape (k,), read-only.
         points: The nearest points, one on each, in the world [m], shape (k, 2, 3), read-only.
-        normals: Unit vectors from the second thing to the first, shape (k, 3), read-only.
+        normals: Unit vectors from the second body to the first, shape (k, 3), read-only.
         gradients: dd/dq [m/rad or 1], shape (k, n), read-only.
-        movers: Which joints move the two against one another at all, shape (k, n), read-only.
-        cores: Length of the straight part of the one of the two where it is shorter: 0 for a ball, the
-            segment of a capsule, twice the bounding radius of anything else [m], shape (k,), read-only.
-        indices: Places among the checker's pairs, shape (k,), read-only.
-        within: The distance that was asked for: all other pairs are at least that far apart [m].
+        movers: Whether each joint moves the two against one another, shape (k, n), read-only.
+        cores: Length of the straight part of either body, the shorter of the two: 0 for a sphere, the segment
+            of a capsule, twice the bounding radius of anything else [m], shape (k,), read-only.
+        indices: Indices among the checker's pairs, shape (k,), read-only.
+        within: The requested distance: all other pairs are at least that far apart [m].
     """
 
     names: tuple[tuple[str, str], ...]
@@ -58,16 +58,16 @@ def near_pairs(pepper: PepperModel, q: ArrayLike, within: float, scene: Scene | 
 
         dd/dq = n . (J_a - J_b).
 
-    Neighboring bodies that `in_collision` decides by joint ranges have no distance and are left out.
+    Adjacent bodies that `in_collision` decides by joint ranges have no distance and are left out.
 
     Args:
         pepper: The robot.
         q: Joint positions [rad or m], shape (n,).
-        within: Pairs at this distance or farther are left out [m].
+        within: Distance from which on pairs are left out [m].
         scene: The world around it; None for the robot against itself only.
 
     Returns:
-        The pairs, nearest first; none of them where nothing is near.
+        The pairs, nearest first; empty if nothing is near.
 
     Raises:
         InvalidValueError: for a distance that is not above zero, or a q of wrong shape, or with NaN.
@@ -79,15 +79,15 @@ def near_pairs(pepper: PepperModel, q: ArrayLike, within: float, scene: Scene | 
 
 
 def pairs_within(checker: CollisionChecker, q: Array, distance: float) -> NearPairs:
-    """Return the pairs nearer than a distance for a checker that is at hand; see `near_pairs`.
+    """Return the pairs nearer than a distance for a given checker; see `near_pairs`.
 
     Pairs of capsules, spheres, boxes, cylinders and half-spaces are measured in machine code, all at once;
-    coal measures the others that may be near, and those whose cores meet.
+    coal measures other pairs that may be near, and pairs whose cores overlap.
 
     Args:
         checker: The checker.
         q: Joint positions [rad or m], shape (n,).
-        distance: Pairs at this distance or farther are left out [m].
+        distance: Distance from which on pairs are left out [m].
     """
     tables, count = near_tables(checker), checker.pair_count
     table, full = tables.near, np.array(checker.pepper.to_full(q))
@@ -130,8 +130,8 @@ def measure_by_coal(
     Args:
         checker: The checker.
         states: Configurations of Pinocchio's model [rad or m], shape (m, nq).
-        indices: Places among the checker's pairs, shape (k,).
-        within: Of pairs that are not nearer than this only the distance is returned [m].
+        indices: Indices among the checker's pairs, shape (k,).
+        within: Distance from which on only the distance of a pair is returned, without points [m].
 
     Returns:
         Distances, nearest points of both and normals, see `core.near_state.ANSWER`, shape (m, k, ANSWER).
@@ -154,14 +154,14 @@ def measure_by_coal(
 
 @dataclass(frozen=True, eq=False)
 class NearTables:
-    """What of a checker's shapes and pairs never changes.
+    """Constant data of a checker's shapes and pairs.
 
     Attributes:
         near: The shapes and pairs.
-        names: The owners of each pair.
-        movers: Which joints move the two of each pair against one another.
+        names: Names of the owners of each pair.
+        movers: Whether each joint moves the two of each pair against one another.
         cores: Length of the straight part of each pair, see `NearPairs`.
-        owners: The same number for all pairs of the same two owners.
+        owners: Index that is the same for all pairs of the same two owners.
     """
 
     near: NearTable
@@ -175,7 +175,7 @@ _kept: WeakKeyDictionary[CollisionChecker, NearTables] = WeakKeyDictionary()
 
 
 def near_tables(checker: CollisionChecker) -> NearTables:
-    """Return the tables of a checker, kept as long as it lives."""
+    """Return the tables of a checker, cached as long as it lives."""
     tables = _kept.get(checker)
     if tables is None:
         tables = _kept[checker] = _make_tables(checker)
@@ -183,6 +183,7 @@ def near_tables(checker: CollisionChecker) -> NearTables:
 
 
 def _make_tables(checker: CollisionChecker) -> NearTables:
+    """Return the tables of a checker's shapes and pairs."""
     from pepper_kin.collision.fast.near_table import near_table
 
     near, bodies, (first, second) = near_table(checker), checker._shapes.bodies, checker._shapes.pairs
@@ -200,7 +201,7 @@ def _make_tables(checker: CollisionChecker) -> NearTables:
 
 
 def _core(geometry: Any) -> float:
-    """Return the length of what a ball is swept along to make a shape [m]."""
+    """Return the length along which a sphere is swept to make a shape [m]."""
     import coal
 
     if isinstance(geometry, coal.Sphere):
@@ -211,6 +212,6 @@ def _core(geometry: Any) -> float:
 
 
 def _frozen(array: NDArray[Any]) -> NDArray[Any]:
-    """Return an array, of any shape, after it was made read-only."""
+    """Return an array, of any shape, made read-only."""
     array.setflags(write=False)
     return array

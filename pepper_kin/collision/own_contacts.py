@@ -1,4 +1,4 @@
-"""Pairs of a robot's own links that touch in every posture, which its SRDF has to name."""
+"""Pairs of a robot's own links that touch in every posture, which its SRDF has to disable."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from pepper_kin.collision.checker import checker_for
 from pepper_kin.model import PepperModel, kept_for_robot
 
 _POSTURES = 32
-_WIDEST = np.pi  # [rad or m], of joints without limits
+_WIDEST = np.pi  # range of joints without limits [rad or m]
 _LISTED = 3
 
 
 @kept_for_robot()
 def always_touching(pepper: PepperModel) -> tuple[tuple[str, str], ...]:
-    """Return the pairs of links that touch in the neutral posture and in 32 random ones, always the same."""
+    """Return the pairs of links that touch in the neutral posture and in 32 random, reproducible ones."""
     checker, random = checker_for(pepper), np.random.default_rng(0)
     lower, upper = np.maximum(pepper.lower_limits, -_WIDEST), np.minimum(pepper.upper_limits, _WIDEST)
     found = dict.fromkeys(checker.contacts(pepper.neutral()))
@@ -27,11 +27,11 @@ def always_touching(pepper: PepperModel) -> tuple[tuple[str, str], ...]:
 
 
 def advice_on_own_links(pepper: PepperModel, names: tuple[str, str] | None = None) -> str:
-    """Return what to do where two of its own links touch in every posture; empty where they do not.
+    """Return advice if two of the robot's own links touch in every posture; else an empty text.
 
     Args:
         pepper: The robot.
-        names: Names of the two that touch; None for any.
+        names: Names of two links that touch; None for any.
     """
     pairs = always_touching(pepper)
     if not pairs or (names is not None and names not in pairs):

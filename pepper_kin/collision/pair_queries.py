@@ -1,4 +1,4 @@
-"""Contact and distance of pairs of shapes, by coal: all that Pinocchio keeps, or one pair at a time."""
+"""Contact and distance queries of pairs of shapes, by coal: cached by Pinocchio, or one pair at a time."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from pepper_kin.collision.checked_shapes import CheckedShapes
 from pepper_kin.collision.round_pairs import Pose, is_round, witness
 
 MOST_KEPT = 20_000
-"""Most pairs that Pinocchio keeps requests and results of: its table of pairs grows with the square of the
-shapes, and is copied for each of them."""
+"""Maximum number of pairs for which Pinocchio caches requests and results: its table of pairs grows with the
+square of the shapes, and is copied for each of them."""
 
 MOST_COMPARED = 100
-"""Bodies whose boxes are all compared with one another; a tree of them, which is made anew for each state,
-takes twice as long for 41 bodies, as long for 120."""
+"""Number of bodies up to which all boxes are compared with one another; a tree of boxes, rebuilt for each
+state, takes twice as long for 41 bodies, and equally long for 120."""
 
 
 class KeptPairs:
-    """Pairs of which Pinocchio keeps requests and results; a broad phase finds those that touch.
+    """Pairs whose requests and results Pinocchio caches; a broad phase finds the touching ones.
 
     Args:
         model: Pinocchio's model of the robot.
@@ -34,7 +34,7 @@ class KeptPairs:
         self._model, self._shapes, self._margins = model, shapes, margins
         self._kept, self._round = self._data(), round_pairs(shapes)
         self._better: dict[int, Any] = {}
-        # The broad phase takes over the margins when it is made.
+        # The broad phase copies the margins when it is made.
         kind = "Naive" if len(shapes.bodies) <= MOST_COMPARED else "DynamicAABBTree"
         broad = getattr(pinocchio, f"BroadPhaseManager_{kind}CollisionManager")
         self._broad_phase = broad(model, shapes.model, self._kept)
@@ -45,17 +45,18 @@ class KeptPairs:
                 rest.deactivateCollisionPair(index)
 
     def _data(self) -> Any:
+        """Return Pinocchio's data of the pairs, with the margins in its requests."""
         import pinocchio
 
         data = pinocchio.GeometryData(self._shapes.model)
-        # Distances come signed, and without margins, as coal makes requests; a call for each pair costs time.
+        # By default, coal's requests have signed distances and no margins; a call for each pair costs time.
         if self._margins.any():
             for request, margin in zip(data.collisionRequests, self._margins, strict=True):
                 request.security_margin = float(margin)
         return data
 
     def place(self, data: Any) -> None:
-        """Place all shapes where the joints in `pinocchio.Data` are."""
+        """Place all shapes according to the joints of `pinocchio.Data`."""
         import pinocchio
 
         pinocchio.updateGeometryPlacements(self._model, data, self._shapes.model, self._kept)
@@ -66,7 +67,7 @@ class KeptPairs:
         return [placed[i] for i in bodies]
 
     def distance(self, index: int) -> Any:
-        """Return the result on the distance of a pair, after `place`; it stays in `result`."""
+        """Return the distance result of a pair, after `place`; it is kept for `result`."""
         import pinocchio
 
         found = pinocchio.computeDistance(self._shapes.model, self._kept, index)
@@ -77,11 +78,11 @@ class KeptPairs:
         return found
 
     def result(self, index: int) -> Any:
-        """Return what `distance` has returned for a pair."""
+        """Return the last result of `distance` for a pair."""
         return self._better[index] if index in self._better else self._kept.distanceResults[index]
 
     def any_touches(self, data: Any, q_full: Array) -> bool:
-        """Whether any pair touches at a configuration of Pinocchio's model, shape (nq,)."""
+        """Return whether any pair touches at a configuration of Pinocchio's model, shape (nq,)."""
         import pinocchio
 
         if pinocchio.computeCollisions(self._model, data, self._broad_phase, q_full, True):
@@ -92,7 +93,7 @@ class KeptPairs:
         )
 
     def touching(self, data: Any, q_full: Array) -> list[int]:
-        """Return the pairs that touch at a configuration of Pinocchio's model, shape (nq,), in order."""
+        """Return the touching pairs, sorted, at a configuration of Pinocchio's model, shape (nq,)."""
         import pinocchio
 
         pinocchio.computeCollisions(self._model, data, self._shapes.model, self._kept, q_full, False)
@@ -101,7 +102,7 @@ class KeptPairs:
 
 
 class SinglePairs:
-    """The same, of pairs too many to be kept: coal is asked about those with near balls, one at a time.
+    """Queries for more pairs than can be cached: coal tests pairs with near bounding spheres one at a time.
 
     Args:
         model: Pinocchio's model of the robot.
@@ -124,7 +125,7 @@ class SinglePairs:
         self._round = round_pairs(shapes)
 
     def place(self, data: Any) -> None:
-        """Place all shapes where the joints in `pinocchio.Data` are."""
+        """Place all shapes according to the joints of `pinocchio.Data`."""
         import coal
 
         self._results.clear()
@@ -137,7 +138,7 @@ class SinglePairs:
         return [self._poses[i] for i in bodies]
 
     def distance(self, index: int) -> Any:
-        """Return the result on the distance of a pair, after `place`; it stays in `result`."""
+        """Return the distance result of a pair, after `place`; it is kept for `result`."""
         import coal
 
         i, j = self._first[index], self._second[index]
@@ -149,19 +150,19 @@ class SinglePairs:
         return found
 
     def result(self, index: int) -> Any:
-        """Return what `distance` has returned for a pair."""
+        """Return the last result of `distance` for a pair."""
         return self._results[index]
 
     def any_touches(self, data: Any, q_full: Array) -> bool:
-        """Whether any pair touches at a configuration of Pinocchio's model, shape (nq,)."""
+        """Return whether any pair touches at a configuration of Pinocchio's model, shape (nq,)."""
         return any(self._touches(index) for index in self._near(data, q_full))
 
     def touching(self, data: Any, q_full: Array) -> list[int]:
-        """Return the pairs that touch at a configuration of Pinocchio's model, shape (nq,), in order."""
+        """Return the touching pairs, sorted, at a configuration of Pinocchio's model, shape (nq,)."""
         return [index for index in self._near(data, q_full) if self._touches(index)]
 
     def _near(self, data: Any, q_full: Array) -> list[int]:
-        """Return the pairs whose balls are within the margins at a configuration, shape (nq,)."""
+        """Return the pairs whose bounding spheres are within the margins at a configuration, shape (nq,)."""
         import pinocchio
 
         pinocchio.forwardKinematics(self._model, data, q_full)
@@ -170,6 +171,7 @@ class SinglePairs:
         return [int(k) for k in np.flatnonzero(bounds <= self._margins)]
 
     def _touches(self, index: int) -> bool:
+        """Return coal's verdict on a pair."""
         import coal
 
         i, j = self._first[index], self._second[index]
@@ -180,19 +182,19 @@ class SinglePairs:
 
 
 def pair_queries(model: Any, shapes: CheckedShapes, margins: Array) -> KeptPairs | SinglePairs:
-    """Return the queries that suit the number of pairs, for one thread; margins: [m], shape (pairs,)."""
+    """Return the queries suited to the number of pairs, for one thread; margins [m], shape (pairs,)."""
     return (KeptPairs if len(margins) <= MOST_KEPT else SinglePairs)(model, shapes, margins)
 
 
 def round_pairs(shapes: CheckedShapes) -> frozenset[int]:
-    """Return the pairs both of whose shapes are round."""
+    """Return the pairs both of whose shapes are spheres, capsules or cylinders."""
     kinds = np.array([is_round(body.geometry_object.geometry) for body in shapes.bodies], dtype=bool)
     first, second = shapes.pairs
     return frozenset(np.flatnonzero(kinds[first] & kinds[second]).tolist())
 
 
 def better(shapes: CheckedShapes, index: int, poses: Any, result: Any) -> Any:
-    """Return coal's result on a pair of round shapes that overlap, or a better one; poses: of all bodies."""
+    """Return coal's result on a pair of overlapping round shapes, or a better one; `poses` of all bodies."""
     places = [int(each[index]) for each in shapes.pairs]
     first, second = (shapes.bodies[place].geometry_object.geometry for place in places)
     at: list[Pose] = [(np.array(poses[k].rotation), np.array(poses[k].translation)) for k in places]
@@ -200,18 +202,18 @@ def better(shapes: CheckedShapes, index: int, poses: Any, result: Any) -> Any:
 
 
 def ball_distances(shapes: CheckedShapes, poses: list[Any]) -> Array:
-    """Return a lower bound of the distance of coal's shapes of each pair, that of their balls [m].
+    """Return a lower bound of the distance of coal's shapes of each pair, from bounding spheres [m].
 
     Args:
         shapes: The shapes and pairs.
-        poses: Of all bodies in the world.
+        poses: Poses of all bodies in the world.
     """
     placed = zip(poses, shapes.bounding_centers, strict=True)
-    centers = np.array([pose.act(center) for pose, center in placed]).reshape(-1, 3)  # of none, too
+    centers = np.array([pose.act(center) for pose, center in placed]).reshape(-1, 3)  # also if there are none
     first, second = shapes.pairs
     apart = centers[first] - centers[second]
     gaps = np.linalg.norm(apart, axis=1)
-    # Of a half-space the "center" is a point of its plane, and what counts is the height above that.
+    # The "center" of a half-space is a point of its plane; the distance is the height above the plane.
     to_plane, normals = shapes.planes
     gaps[to_plane] = np.einsum("ij,ij->i", apart[to_plane], normals)
     return np.asarray(gaps - shapes.bounding_reach)

@@ -1,4 +1,4 @@
-"""Collision and clearance as plain functions."""
+"""Collision and clearance queries as plain functions."""
 
 from __future__ import annotations
 
@@ -28,20 +28,20 @@ if TYPE_CHECKING:
 def in_collision(
     pepper: PepperModel, q: ArrayLike, scene: Scene | None = None, times: ArrayLike | None = None
 ) -> NDArray[np.bool_]:
-    """Whether the robot touches itself or the scene.
+    """Return whether the robot collides with itself or the scene.
 
     Args:
         pepper: The robot.
         q: Joint positions [rad or m], shape (..., n).
         scene: The world around it; None checks the robot against itself only.
-        times: When it is there [s], one number or shape (...,): obstacles that move are where they are then,
-            and touched at the distance by which their uncertainty has grown.  None: all stand as at time 0.
+        times: Times of the configurations [s], one number or shape (...,): moving obstacles are where they
+            are then, enlarged by the growth of their uncertainty.  None: all stand as at time 0.
 
     Returns:
         Booleans, shape (...,).
 
     Raises:
-        InvalidValueError: for a q of wrong length, or with NaN or infinity, or a time below 0.
+        InvalidValueError: for a q of wrong length, or with NaN or infinity, or a negative time.
     """
     groups = () if times is None else movers_of(pepper, scene)
     if not groups or scene is None or times is None:
@@ -56,7 +56,7 @@ def in_collision(
 
 
 def _meets(movers: Movers, q: Array, times: Array) -> NDArray[np.bool_]:
-    """Whether a robot at q, shape (T, n), touches obstacles where they are at times [s], shape (T,)."""
+    """Return whether a robot at q, shape (T, n), collides with obstacles at times [s], shape (T,)."""
     states = movers.states(q, times)
     found = _checkers()(movers.robot, movers.scene).nearer(states, movers.uncertainty * times)
     if not movers.alike:
@@ -67,7 +67,7 @@ def _meets(movers: Movers, q: Array, times: Array) -> NDArray[np.bool_]:
 
 @functools.cache
 def _checkers() -> Callable[[PepperModel, Scene | None], FastChecker]:
-    """Return `fast_checker_for`, which loads machine code: not before the first check."""
+    """Return `fast_checker_for`, which is imported at the first check because it loads machine code."""
     from pepper_kin.collision.fast import fast_checker_for
 
     return fast_checker_for
@@ -81,23 +81,23 @@ def without_robot(
     *,
     margin: float = 0.02,
 ) -> NDArray[np.float64]:
-    """Return those of some points that are not of the robot itself, nor of what it holds.
+    """Return the points that belong neither to the robot itself nor to an attached object.
 
-    For clouds of a camera that sees the robot's own arms, before `Scene.add_point_cloud`.
+    It is meant for clouds of a camera that sees the robot's own arms, before `Scene.add_point_cloud`.
 
     Args:
         pepper: The robot.
-        q: Its joint positions when the points were seen [rad or m], shape (n,).
+        q: Its joint positions when the points were measured [rad or m], shape (n,).
         points: Points in the world [m], shape (k, 3).
-        scene: What the robot holds; objects of the world do not matter.  None for nothing.
-        margin: Points nearer to the robot's shapes than this are the robot's [m].
+        scene: The scene with attached objects; objects of the world are ignored.  None for none.
+        margin: Distance from the robot's shapes up to which points belong to the robot [m].
 
     Returns:
-        The others, shape (m, 3), in their order.  A mesh that is not convex counts as its convex hull.
+        The other points, shape (m, 3), in their order.  A nonconvex mesh counts as its convex hull.
 
     Raises:
-        InvalidValueError: for a q or points of wrong shape, or with NaN or infinity, a margin below 0, or a
-            robot whose shapes the compiled check does not know.
+        InvalidValueError: for a q or points of wrong shape, or with NaN or infinity, a negative margin, or a
+            robot whose shapes the compiled check does not support.
     """
     cloud = np.ascontiguousarray(as_finite(points, "points", (None, 3)))
     return cloud[~_checkers()(pepper, scene).near(q, cloud, not_negative("margin", margin))]
@@ -106,19 +106,19 @@ def without_robot(
 def clearance(
     pepper: PepperModel, q: ArrayLike, scene: Scene | None = None, *, to: PairsTo = "all"
 ) -> NDArray[np.float64]:
-    """Return the exact smallest distance of the robot to itself and the scene, or to one of them.
+    """Return the exact minimum distance of the robot to itself and the scene, or to one of them.
 
-    Neighboring bodies that `in_collision` decides by joint ranges have no distance and do not count here.
+    Adjacent bodies that `in_collision` decides by joint ranges have no distance and do not count here.
 
     Args:
         pepper: The robot.
         q: Joint positions [rad or m], shape (..., n).
         scene: The world around it; None for the robot against itself only.
-        to: "self" for the distance of the robot, and of what it holds, to itself; "obstacles" for that to
-            the objects of the scene; "all" for the lesser.
+        to: "self" for the distance of the robot, with attached objects, to itself; "obstacles" for the
+            distance to the objects of the scene; "all" for the minimum of both.
 
     Returns:
-        Distances [m], shape (...,); below zero where shapes overlap, inf where there is no such pair.
+        Distances [m], shape (...,); negative where shapes overlap, inf if there is no such pair.
 
     Raises:
         InvalidValueError: for a q of wrong length, or with NaN or infinity, or another word for `to`.
@@ -135,10 +135,10 @@ def closest_pair(
         pepper: The robot.
         q: Joint positions [rad or m], shape (n,).
         scene: The world around it; None for the robot against itself only.
-        to: As in `clearance`.
+        to: Which pairs count: "self", "obstacles" or "all", as in `clearance`.
 
     Returns:
-        The pair; None where nothing is checked.
+        The pair; None if no pair is checked.
 
     Raises:
         InvalidValueError: for a q of wrong length, or with NaN or infinity, or another word for `to`.
@@ -154,23 +154,23 @@ def contacts(
     within: float = 0.0,
     geometry_type: GeometryType = "collision",
 ) -> tuple[Contact, ...]:
-    """Return where things touch at one configuration, the deepest first.
+    """Return the contacts at one configuration, the deepest first.
 
-    Each pair of links or objects is listed once, where it is nearest.  A pair of neighboring links that a
-    table of joint ranges decides comes last, without points.
+    Each pair of links or objects is listed once, at its nearest points.  Pairs of adjacent links that a table
+    of joint ranges decides come last, without points.
 
     Args:
         pepper: The robot.
         q: Joint positions [rad or m], shape (n,).
-        scene: The world around it, with what the robot holds; None for the robot against itself only.
-        within: Pairs nearer than this are listed as well [m].
-        geometry_type: "collision" for the shapes that contain the bodies; "visual" for the surfaces that are
-            drawn, which are the vendor's where the robot was loaded with its meshes.
+        scene: The world around it, with attached objects; None for the robot against itself only.
+        within: Distance up to which nearby pairs are listed as well [m].
+        geometry_type: "collision" for the shapes that contain the bodies; "visual" for the visual surfaces,
+            which are the vendor's if the robot was loaded with its meshes.
 
     Returns:
         The contacts.
 
     Raises:
-        InvalidValueError: for a q of wrong length, or with NaN or infinity; for `within` below 0.
+        InvalidValueError: for a q of wrong length, or with NaN or infinity; for a negative `within`.
     """
     return checker_for(pepper, scene, geometry_type=geometry_type).contact_points(q, within)

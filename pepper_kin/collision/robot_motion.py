@@ -22,7 +22,7 @@ from pepper_kin.model.joint_vectors import as_joint_vector
 
 
 class PolynomialMotion(Protocol):
-    """A motion of joints, as `pepper_kin.Trajectory` is one: pieces of polynomials."""
+    """A motion of joints as piecewise polynomials, such as `pepper_kin.Trajectory`."""
 
     joint_names: tuple[str, ...]
     breaks: Array
@@ -34,13 +34,13 @@ class PolynomialMotion(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class RobotMotion:
-    """Another robot's motion: before it begins it stands at its start, afterwards at its end.
+    """Motion of another robot, which rests at its start before and at its end afterwards.
 
     Attributes:
         robot: The robot.
-        motion: Its joints over time.
+        motion: Motion of its joints.
         transform_base_to_world: Pose of the robot's own world, shape (4, 4).
-        links: The links that are placed.
+        links: Names of the links whose poses are computed.
     """
 
     robot: PepperModel
@@ -61,8 +61,8 @@ class RobotMotion:
     def speed(self) -> float:
         """A bound on the speed of all points of the robot, at all times [m/s].
 
-        sum_j r_j |dq_j/dt|, with r of `motion_bounds`, and |dq_j/dt| at most the greatest Bernstein
-        coefficient of its polynomial on each piece.
+        The bound is sum_j r_j |dq_j/dt|, with r of `motion_bounds`, and |dq_j/dt| at most the maximum
+        Bernstein coefficient of its polynomial on each segment.
         """
         powers = self.motion.coefficients[:, 1:] * np.arange(1, self.motion.coefficients.shape[1])[:, None]
         if not powers.shape[1]:
@@ -76,13 +76,13 @@ class RobotMotion:
 
 @dataclass(frozen=True, eq=False)
 class LinkPath(FrozenArrays):
-    """The path of a shape on a link of a robot that moves.
+    """Path of a shape on a link of a moving robot.
 
     Attributes:
-        of: The robot's motion.
+        of: Motion of the robot.
         link: Index of the link among those of the motion.
-        transform_object_to_link: Shape (4, 4).
-        begin: Time of the motion at the scene's time 0 [s]; below 0 where it begins later.
+        transform_object_to_link: Pose of the shape in the link, shape (4, 4).
+        begin: Time of the motion at the scene's time 0 [s]; negative if the motion starts later.
     """
 
     of: RobotMotion
@@ -101,7 +101,7 @@ class LinkPath(FrozenArrays):
         return found
 
     def later(self, time: float) -> LinkPath:
-        """Return the path as it is for a scene that begins later [s]."""
+        """Return the path for a scene that starts later by a time [s]."""
         return replace(self, begin=self.begin + time)
 
 

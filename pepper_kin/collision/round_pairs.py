@@ -1,4 +1,4 @@
-"""Depths and normals of round shapes where coal's are not the least, or none."""
+"""Depths and normals of overlapping round shapes, where coal's result is not minimal or missing."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ import numpy as np
 
 from pepper_kin.arrays import Array
 
-_MEET = 1e-9  # [m] axes nearer than this meet
-_HERE = 1e-12  # [m]
+_MEET = 1e-9  # distance of axes that count as intersecting [m]
+_HERE = 1e-12  # length that counts as zero [m]
 
 Pose = tuple[Array, Array]
-"""Rotation, shape (3, 3), and position [m], shape (3,), in the world."""
+"""Pose in the world: rotation, shape (3, 3), and position [m], shape (3,)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Witness:
-    """What coal's `DistanceResult` says of a pair, from another computation.
+    """Replacement of coal's `DistanceResult` of a pair, computed separately.
 
     Attributes:
-        min_distance: Distance [m]; below zero, the least way that parts the two.
+        min_distance: Distance [m]; if negative, minus the minimum translation that separates the two.
         normal: Unit vector from the first to the second, shape (3,).
         points: Nearest points, or the deepest, one on each [m], shape (2, 3).
     """
@@ -40,7 +40,7 @@ class Witness:
 
 
 def is_round(shape: Any) -> bool:
-    """Whether a shape of coal's is a ball, a capsule or a cylinder."""
+    """Return whether a shape of coal's is a sphere, a capsule or a cylinder."""
     import coal
 
     return isinstance(shape, (coal.Sphere, coal.Capsule, coal.Cylinder))
@@ -49,14 +49,14 @@ def is_round(shape: Any) -> bool:
 def witness(shapes: tuple[Any, Any], poses: tuple[Pose, Pose], result: Any) -> Any:
     """Return coal's result on a pair of round shapes, or a better one.
 
-    The least translation that parts a ball and a cylinder is known in closed form; coal's search finds a
-    longer one where the ball's center is inside (fcl#575).  Where axes of balls and capsules meet, coal
-    gives no normal, or one along which the depth does not part them: any that is perpendicular to both axes
-    does, by the sum of their radii.
+    The minimum translation that separates a sphere and a cylinder is known in closed form; coal's search
+    finds a longer one if the sphere's center is inside (fcl#575).  If axes of spheres and capsules intersect,
+    coal returns no normal, or one along which the depth does not separate them: any normal perpendicular to
+    both axes does, by the sum of their radii.
 
     Args:
         shapes: Coal's shapes.
-        poses: Where they are.
+        poses: Poses of the shapes.
         result: Coal's `DistanceResult`.
     """
     import coal
@@ -75,7 +75,7 @@ def witness(shapes: tuple[Any, Any], poses: tuple[Pose, Pose], result: Any) -> A
 
 
 def _of_cylinder(cylinder: Any, pose: Pose, radius: float, center: Array) -> Witness:
-    """Return the witness of a cylinder and a ball of a radius [m] around a center, shape (3,) [m]."""
+    """Return the witness of a cylinder and a sphere with radius [m] and center, shape (3,) [m]."""
     rotation, position = pose
     local = rotation.T @ (center - position)
     out = float(np.hypot(local[0], local[1]))
@@ -94,18 +94,18 @@ def _of_cylinder(cylinder: Any, pose: Pose, radius: float, center: Array) -> Wit
 
 
 def _of_axes(first: Any, pose: Pose, second: Any, other: Pose) -> Witness:
-    """Return the witness of two balls or capsules whose axes meet."""
+    """Return the witness of two spheres or capsules whose axes intersect."""
     ends = [
         getattr(shape, "halfLength", 0.0) * rotation[:, 2]
         for shape, (rotation, _) in ((first, pose), (second, other))
     ]
     normal = np.cross(ends[0], ends[1])
-    if np.linalg.norm(normal) <= _HERE:  # along one line, or one is a ball
+    if np.linalg.norm(normal) <= _HERE:  # the axes are parallel, or one shape is a sphere
         line = max(ends, key=lambda axis: float(np.linalg.norm(axis)))
         normal = np.cross(line, np.eye(3)[int(np.argmin(np.abs(line)))])
         normal = normal if np.linalg.norm(normal) > _HERE else np.array([0.0, 0.0, 1.0])
     normal = normal / np.linalg.norm(normal)
-    # Where the axes meet: the point of each that is nearest to the other.
+    # Intersection of the axes: the point of each that is nearest to the other.
     matrix = np.column_stack([ends[0], -ends[1]])
     shares = np.clip(np.linalg.lstsq(matrix, other[1] - pose[1], rcond=None)[0], -1.0, 1.0)
     middle = 0.5 * (pose[1] + shares[0] * ends[0] + other[1] + shares[1] * ends[1])

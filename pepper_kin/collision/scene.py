@@ -1,4 +1,4 @@
-"""The world around the robot: named obstacles, and objects that the robot holds."""
+"""The world around the robot: named obstacles, and objects attached to the robot."""
 
 from __future__ import annotations
 
@@ -51,11 +51,11 @@ if TYPE_CHECKING:
 robot_motion = lazy_module("pepper_kin.collision.robot_motion")
 
 VOXEL = 0.02
-"""Edge of the cubes to which clouds are thinned by default [m]."""
+"""Default edge of the cubes to which point clouds are thinned [m]."""
 
 
 class Scene:
-    """Named obstacles, fixed in the world, and objects that hang on the robot.
+    """Named obstacles, fixed in the world, and objects attached to the robot.
 
     A scene never changes: every method returns a new one, so a planner that holds a scene cannot see a
     half-changed world.
@@ -63,8 +63,8 @@ class Scene:
         scene = Scene().add_box("table", size=(0.6, 1.0, 0.04), position=(0.55, 0.0, 0.70))
 
     Attributes:
-        objects: Name -> `SceneObject`, what is fixed in the world, read-only, in the order of addition.
-        attached: Name -> `AttachedObject`, what moves with the robot, read-only.
+        objects: Name -> `SceneObject` of each obstacle of the world, read-only, in the order of addition.
+        attached: Name -> `AttachedObject` of each object that moves with the robot, read-only.
         allowed: Sorted pairs of names that may touch: two objects, or an object and a link of the robot.
     """
 
@@ -113,7 +113,7 @@ class Scene:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of all objects, those in the world first."""
+        """Names of all objects, the obstacles of the world first."""
         return (*self.objects, *self.attached)
 
     def add(
@@ -125,23 +125,23 @@ class Scene:
         color: Color | None = None,
         **motion: Any,
     ) -> Scene:
-        """Return a scene with one more obstacle.
+        """Return a scene with an additional obstacle.
 
         Args:
-            name: A name that the scene does not have yet.
-            geometry: Its shape.
+            name: New name in the scene.
+            geometry: Geometry of the obstacle.
             position: Position of its center in the world [m], shape (3,).
             rpy: Roll, pitch and yaw about fixed axes [rad], shape (3,).
             color: Red, green, blue and opacity, 0 to 1; the next one of eight if omitted.
-            **motion: `velocity`, with which it moves on from there [m/s], shape (3,); `uncertainty` of where
-                it will be, by which the distance to keep from it grows with time [m/s].  See `at`.
+            **motion: `velocity`, constant from there on [m/s], shape (3,); `uncertainty` of its position, by
+                which the distance to keep from it grows with time [m/s].  See `at`.
 
         Raises:
-            InvalidValueError: for a name that is taken, a pose or velocity with NaN or of wrong length, an
-                uncertainty below 0, or a half-space that moves.
+            InvalidValueError: for a name that is taken, a pose or velocity with NaN or of wrong length, a
+                negative uncertainty, or a moving half-space.
 
         Warns:
-            UserWarning: for a position beyond 50 m, as millimeters are.
+            UserWarning: for a position beyond 50 m, which suggests millimeters.
         """
         self._check_new(name)
         pose = placed(name, position, rpy)
@@ -156,13 +156,13 @@ class Scene:
         rpy: ArrayLike = (0.0, 0.0, 0.0),
         **motion: Any,
     ) -> Scene:
-        """Return a scene with a box of full lengths `size` [m], shape (3,), more; see `add`."""
+        """Return a scene with an additional box of full lengths `size` [m], shape (3,); see `add`."""
         lengths = as_finite(size, f"size of {name!r}", (3,))
         shape = Box((float(lengths[0]), float(lengths[1]), float(lengths[2])))
         return self.add(name, shape, position, rpy, **motion)
 
     def add_sphere(self, name: str, radius: float, position: ArrayLike, **motion: Any) -> Scene:
-        """Return a scene with a sphere of a radius [m] more, at a position [m], shape (3,); see `add`."""
+        """Return a scene with an additional sphere, radius [m], position [m], shape (3,); see `add`."""
         return self.add(name, Sphere(number_of(name, "radius", radius)), position, **motion)
 
     def add_cylinder(
@@ -174,7 +174,7 @@ class Scene:
         rpy: ArrayLike = (0.0, 0.0, 0.0),
         **motion: Any,
     ) -> Scene:
-        """Return a scene with a cylinder along its z axis [m] more; position, rpy: shape (3,), see `add`."""
+        """Return a scene with an additional cylinder along z [m]; position, rpy: shape (3,), see `add`."""
         shape = Cylinder(number_of(name, "radius", radius), number_of(name, "length", length))
         return self.add(name, shape, position, rpy, **motion)
 
@@ -187,26 +187,26 @@ class Scene:
         rpy: ArrayLike = (0.0, 0.0, 0.0),
         **motion: Any,
     ) -> Scene:
-        """Return a scene with a capsule along its z axis [m] more; position, rpy: shape (3,), see `add`.
+        """Return a scene with an additional capsule along z [m]; position, rpy: shape (3,), see `add`.
 
-        `length` is that of the straight part.
+        `length` is the length of the straight part.
         """
         shape = Capsule(number_of(name, "radius", radius), number_of(name, "length", length))
         return self.add(name, shape, position, rpy, **motion)
 
     def add_half_space(self, name: str, normal: ArrayLike, offset: float = 0.0) -> Scene:
-        """Return a scene in which all points x with normal . x <= offset are solid as well.
+        """Return a scene in which all points x with normal . x <= offset are solid, too.
 
         A floor is `add_half_space("floor", (0, 0, 1))`; the parts of the robot that stand on it have to be
         allowed to touch it, see `allow`.
 
         Args:
-            name: A name that the scene does not have yet.
+            name: New name in the scene.
             normal: Direction out of the solid, shape (3,); its length does not matter.
             offset: Distance of the plane from the origin along the normal [m].
 
         Raises:
-            InvalidValueError: for a name that is taken, a normal of no length, NaN or wrong shape.
+            InvalidValueError: for a name that is taken, a zero normal, NaN or wrong shape.
         """
         self._check_new(name)
         direction = as_finite(normal, f"normal of {name!r}", (3,))
@@ -229,19 +229,19 @@ class Scene:
         scale: ArrayLike = 1.0,
         **motion: Any,
     ) -> Scene:
-        """Return a scene with the convex hull of points, solid inside, more; see `add`.
+        """Return a scene with the convex hull of points as an additional solid; see `add`.
 
         Args:
-            name: A name that the scene does not have yet.
-            vertices: Points [m], shape (k, 3), or a mesh file (STL, OBJ) whose vertices are taken.
+            name: New name in the scene.
+            vertices: Points [m], shape (k, 3), or a mesh file (STL, OBJ) whose vertices are used.
             position: Position of the points' origin in the world [m], shape (3,).
             rpy: Roll, pitch and yaw about fixed axes [rad], shape (3,).
             scale: Factor from the unit of the points, or of the file, to meters.
-            **motion: As in `add`.
+            **motion: `velocity` and `uncertainty`, as in `add`.
 
         Raises:
             InvalidValueError: for points in a plane, NaN, a taken name; see `add`.
-            FileFormatError: naming the file and what is wrong with it.
+            FileFormatError: naming the file and the fault.
         """
         return self.add(name, ConvexMesh(points_of(name, vertices, scale)), position, rpy, **motion)
 
@@ -256,23 +256,23 @@ class Scene:
         scale: ArrayLike = 1.0,
         **motion: Any,
     ) -> Scene:
-        """Return a scene with a surface of triangles more; see `add`.
+        """Return a scene with an additional surface of triangles; see `add`.
 
-        The surface is solid, not what it encloses: for a body that must not be entered, even in one step,
-        take `add_convex_mesh`, of several parts where it is not convex.
+        The surface is solid, not its interior: for a body that must not be entered, even in one step, use
+        `add_convex_mesh`, with several parts if it is not convex.
 
         Args:
-            name: A name that the scene does not have yet.
-            vertices: Points [m], shape (k, 3), or a mesh file (STL, OBJ, what coal reads).
+            name: New name in the scene.
+            vertices: Points [m], shape (k, 3), or a mesh file (STL, OBJ, formats that coal reads).
             faces: Indices of each triangle's vertices, shape (f, 3); None with a file.
             position: Position of the points' origin in the world [m], shape (3,).
             rpy: Roll, pitch and yaw about fixed axes [rad], shape (3,).
             scale: Factor from the unit of the points, or of the file, to meters.
-            **motion: As in `add`.
+            **motion: `velocity` and `uncertainty`, as in `add`.
 
         Raises:
-            InvalidValueError: for a face that names no vertex, no triangle with an area, NaN, a taken name.
-            FileFormatError: naming the file and what is wrong with it.
+            InvalidValueError: for a face with an invalid vertex, no triangle with an area, NaN, a taken name.
+            FileFormatError: naming the file and the fault.
         """
         points, triangles = triangles_of(name, vertices, faces, scale)
         return self.add(name, TriangleMesh(points, triangles), position, rpy, **motion)
@@ -288,20 +288,21 @@ class Scene:
         voxel: float | None = VOXEL,
         **motion: Any,
     ) -> Scene:
-        """Return a scene with balls around points more; see `add`.
+        """Return a scene with an additional cloud of spheres around points; see `add`.
 
         Args:
-            name: A name that the scene does not have yet.
-            points: Points [m], shape (k, 3); none is fine.
-            radius: Radius of the ball around each [m], 0 or more.
-            position: Position of the points' origin, say of the camera, in the world [m], shape (3,).
+            name: New name in the scene.
+            points: Points [m], shape (k, 3); may be empty.
+            radius: Radius of the sphere around each point [m], 0 or more.
+            position: Position of the points' origin, for example of the camera, in the world [m], shape (3,).
             rpy: Roll, pitch and yaw about fixed axes [rad], shape (3,).
-            voxel: Edge of the cubes of which each keeps one point [m]; the balls grow so that they cover
-                those of all points, see `PointCloud.thinned`.  None keeps all points.
-            **motion: As in `add`.
+            voxel: Edge of the cubes of which each keeps one point [m]; the radius grows so that all spheres
+                are covered, see `PointCloud.thinned`.  None keeps all points.
+            **motion: `velocity` and `uncertainty`, as in `add`.
 
         Raises:
-            InvalidValueError: for NaN (drop such pixels first), a radius below 0, a voxel of 0, a taken name.
+            InvalidValueError: for NaN (drop such pixels first), a negative radius, a voxel of 0, a taken
+                name.
         """
         if voxel is None:
             return self.add(name, PointCloud(np.asarray(points), radius), position, rpy, **motion)
@@ -317,23 +318,23 @@ class Scene:
         meshes: str = "hull",
         package_dirs: Sequence[str | Path] = (),
     ) -> Scene:
-        """Return a scene with the collision shapes of a URDF more, such as a table's; see `add`.
+        """Return a scene with the collision shapes of a URDF, such as a table's, added; see `add`.
 
-        A description of one shape becomes the object `name`, others `name/shape`, a shape without a name
-        being `link_collision_number`.  Joints stand at zero, and the world holds all of it.
+        A description with one shape becomes the object `name`, others `name/shape`; a shape without a name is
+        called `link_collision_number`.  Joints are at zero, and all of it is fixed in the world.
 
         Args:
-            name: A name that the scene does not have yet.
+            name: New name in the scene.
             urdf: Path of a URDF file, or its text.
             position: Position of the root link in the world [m], shape (3,).
             rpy: Roll, pitch and yaw about fixed axes [rad], shape (3,).
             meshes: "hull": meshes become their convex hulls, solid inside; "surface": triangles.
-            package_dirs: Folders that hold packages, as `load_robot` has them.
+            package_dirs: Folders that contain packages, as for `load_robot`.
 
         Raises:
             InvalidValueError: for a name that is taken, or a pose with NaN or of wrong length.
-            FileFormatError: where a file cannot be read.
-            ModelError: where the description is malformed, or has no collision shapes.
+            FileFormatError: if a file cannot be read.
+            ModelError: if the description is malformed, or has no collision shapes.
 
         Warns:
             ModelWarning: naming shapes of size zero, which are left out.
@@ -356,20 +357,20 @@ class Scene:
         begin: float = 0.0,
         meshes: str = "hull",
     ) -> Scene:
-        """Return a scene with the collision shapes of another robot more, named `name/shape`.
+        """Return a scene with the collision shapes of another robot added, named `name/shape`.
 
-        With a trajectory, the shapes move as the robot's links: functions of a motion, with `times` or
-        `start_time`, compare them where they are at each time; all others take them as standing where they
-        are at time 0.  Before the trajectory the robot stands at its start, afterwards at its end.  A base
-        that drives is part of the trajectory (`base="planar"`).
+        With a trajectory, the shapes move with the robot's links: functions of a motion, with `times` or
+        `start_time`, compare them where they are at each time; all other functions use their poses at time 0.
+        Before the trajectory the robot rests at its start, afterwards at its end.  A driving base is part of
+        the trajectory (`base="planar"`).
 
         Args:
-            name: A name that the scene does not have yet.
+            name: New name in the scene.
             robot: The other robot, of any kind.
             q: Its joint positions [rad or m], shape (n,), or its `Trajectory`.
-            pose: transform_base_to_world, where its own world stands in this one (see `pk.pose`), shape
-                (4, 4); the same place if omitted.
-            begin: Time of the trajectory at the scene's time 0 [s]; below 0 where it begins later.
+            pose: transform_base_to_world, pose of its own world in this one (see `pk.pose`), shape (4, 4);
+                the identity if omitted.
+            begin: Time of the trajectory at the scene's time 0 [s]; negative if the trajectory starts later.
             meshes: "hull": meshes become their convex hulls, solid inside; "surface": triangles.
 
         Raises:
@@ -387,7 +388,7 @@ class Scene:
         return grown
 
     def remove(self, name: str) -> Scene:
-        """Return a scene without one object, and without what was allowed for it.
+        """Return a scene without one object and its allowed pairs.
 
         Raises:
             UnknownNameError: listing the objects.
@@ -404,7 +405,7 @@ class Scene:
 
         Raises:
             UnknownNameError: listing the obstacles.
-            InvalidValueError: for an object that hangs on the robot.
+            InvalidValueError: for an object attached to the robot.
         """
         self._check_standing(name)
         pose = placed(name, position, rpy)
@@ -413,17 +414,17 @@ class Scene:
     def moved(
         self, poses: Mapping[str, ArrayLike], velocities: Mapping[str, ArrayLike] | None = None
     ) -> Scene:
-        """Return a scene with obstacles elsewhere, all at once.
+        """Return a scene with several obstacles at other poses.
 
         Args:
-            poses: Name -> position [m], shape (3,), the object keeping its orientation; or transform from the
-                object to the world, shape (4, 4).
-            velocities: Name -> with what it moves on from there [m/s], shape (3,); others keep theirs.
+            poses: Name -> position [m], shape (3,), with unchanged orientation; or transform from the object
+                to the world, shape (4, 4).
+            velocities: Name -> new constant velocity [m/s], shape (3,); others keep theirs.
 
         Raises:
             UnknownNameError: listing the obstacles.
-            InvalidValueError: for NaN, another shape, what is not rigid, a place beyond the world, and an
-                object that hangs on the robot.
+            InvalidValueError: for NaN, another shape, a transform that is not rigid, a position beyond the
+                world's limits, and an object attached to the robot.
         """
         if not isinstance(poses, Mapping):
             raise InvalidValueError("poses", repr(poses)[:80], "a mapping from names to poses")
@@ -450,13 +451,13 @@ class Scene:
         """Obstacles with a velocity, a trajectory or an uncertainty.
 
         Functions of a motion compare them where they are at each of its times, `follow` and `sequence` refuse
-        them; all others, as planners, take them as standing where they are at time 0.
+        them; all other functions, such as planners, use their poses at time 0.
         """
         return tuple(item for item in self.objects.values() if item.moves)
 
     @property
     def standing(self) -> Scene:
-        """The scene without its movers: one and the same as long as only these change."""
+        """The scene without its movers: the same value as long as only movers change."""
         found: Scene | None = self.__dict__.get("_standing")
         if found is None:
             items = {name: item for name, item in self.objects.items() if not item.moves}
@@ -467,14 +468,14 @@ class Scene:
         return found
 
     def at(self, time: float, *, enlarged: bool = True) -> Scene:
-        """Return the scene as it is later: obstacles moved by their velocities, and grown by uncertainty.
+        """Return the scene at a later time: obstacles moved by their velocities, and grown by uncertainty.
 
         Args:
-            time: From when this scene is [s], 0 or more.
-            enlarged: Whether they are larger by their uncertainty then, as `padded` makes them.
+            time: Time after this scene's [s], 0 or more.
+            enlarged: Whether obstacles are enlarged by their uncertainty at that time, as by `padded`.
 
         Raises:
-            InvalidValueError: for a time below 0 or NaN, or an obstacle beyond the world by then.
+            InvalidValueError: for a negative time or NaN, or an obstacle beyond the world's limits by then.
         """
         later = not_negative("time", time)
         changed = {item.name: item.at(later, enlarged) for item in self.movers}
@@ -483,9 +484,9 @@ class Scene:
         return self._replaced(changed)
 
     def with_cloud(self, name: str, points: ArrayLike, radius: float, **options: Any) -> Scene:
-        """Return a scene with a point cloud in the place of what has the name, if anything has, in its color.
+        """Return a scene in which a point cloud replaces the obstacle of the same name, if any, in its color.
 
-        Arguments and errors are those of `add_point_cloud`, and of an object that hangs on the robot.
+        Arguments and errors are those of `add_point_cloud`; an object attached to the robot is refused, too.
         """
         if name not in self.names:
             return self.add_point_cloud(name, points, radius, **options)
@@ -497,8 +498,8 @@ class Scene:
     def padded(self, margin: float) -> Scene:
         """Return a scene whose obstacles are larger by a margin on every side.
 
-        Objects that hang on the robot stay as they are: they are part of it, and only one of two things that
-        keep a distance has to grow.
+        Objects attached to the robot are unchanged: they are part of it, and only one of two bodies that keep
+        a distance has to grow.
 
         Args:
             margin: Distance added to every side [m].
@@ -519,8 +520,8 @@ class Scene:
 
         Args:
             name: An object of the scene.
-            others: Links of the robot, or objects.  A name that is neither is refused by the checker, which
-                knows the robot.
+            others: Links of the robot, or objects.  The checker, which knows the robot, refuses any other
+                name.
 
         Raises:
             UnknownNameError: listing the objects.
@@ -535,7 +536,7 @@ class Scene:
         return self._with(allowed=[*self.allowed, *(sorted_pair(name, other) for other in others)])
 
     def disallow(self, name: str, *others: str) -> Scene:
-        """Return a scene in which an object may no longer touch others; without others, nothing at all.
+        """Return a scene in which an object may no longer touch given others, or any if none is given.
 
         Raises:
             UnknownNameError: listing the objects, or the pairs that are allowed.
@@ -560,29 +561,30 @@ class Scene:
         mass: float = 0.0,
         center_of_mass: ArrayLike | None = None,
     ) -> Scene:
-        """Return a scene in which an obstacle hangs on the robot and moves with it.
+        """Return a scene in which an obstacle is attached to the robot and moves with it.
 
-            scene.attach("cup", "l_gripper", pepper=pepper, q=q, mass=0.3)   # where it stands
-            scene.attach("cup", "l_gripper", transform)                      # at a place in the hand
+            scene.attach("cup", "l_gripper", pepper=pepper, q=q, mass=0.3)   # at its current pose
+            scene.attach("cup", "l_gripper", transform)                      # at a pose in the hand
 
-        Its mass counts in all that takes the scene, and adds to a payload; see `collision.loads_of`.
+        Its mass is used by all functions that take the scene, in addition to a payload; see
+        `collision.loads_of`.
 
         Args:
             name: An obstacle of the scene.
-            frame: The link or frame that it hangs on.
-            transform_object_to_frame: Its pose in the frame, shape (4, 4) [m]; or, in its place,
-            pepper: the robot that grasps it where it stands,
-            q: at these joint positions, shape (n,) [rad or m].
-            touch_links: Links that it may touch, besides those that move with the frame and, on a hand, its
-                fingers.
-            mass: Of the object, a solid of uniform density [kg]; 0: it does not count.
-            center_of_mass: In the object's own frame [m], shape (3,); its centroid if omitted.
+            frame: The link or frame to which it is attached.
+            transform_object_to_frame: Its pose in the frame, shape (4, 4) [m]; or instead
+            pepper: Robot that grasps the obstacle at its current pose,
+            q: and its joint positions then, shape (n,) [rad or m].
+            touch_links: Links that it may touch, in addition to those that move with the frame and, on a
+                hand, its fingers.
+            mass: Mass of the object, a solid of uniform density [kg]; 0: it does not count.
+            center_of_mass: Center of mass in the object's own frame [m], shape (3,); its centroid if omitted.
 
         Raises:
-            UnknownNameError: for an unknown obstacle, frame or link (the last two where a robot is given;
-                else by the checker).
+            UnknownNameError: for an unknown obstacle, frame or link (frames and links only if a robot is
+                given; otherwise the checker refuses them).
             InvalidValueError: for a half-space, neither or both of transform and robot, a transform that is
-                not rigid, a bad q, a mass below 0 or NaN, or a shape that has no volume for it.
+                not rigid, an invalid q, a negative mass or NaN, or a shape without volume that has a mass.
         """
         self._check_standing(name)
         hanging = attached(
@@ -594,7 +596,7 @@ class Scene:
         )
 
     def release(self, pepper: PepperModel, name: str, q: ArrayLike) -> Scene:
-        """Return a scene in which an attached object stands where the robot has it at q, shape (n,).
+        """Return a scene in which an attached object is an obstacle at its pose at q, shape (n,).
 
         Raises:
             UnknownNameError: listing the attached objects.
@@ -613,17 +615,17 @@ class Scene:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Scene:
-        """Read a scene that `save` wrote.
+        """Read a scene written by `save`.
 
         Raises:
-            FileFormatError: naming the file, the place in it and what is wrong.
+            FileFormatError: naming the file, the place in it and the fault.
         """
         return load_scene(path, cls)
 
     def equals(self, other: Scene) -> bool:
-        """Whether two scenes hold the same, to the last bit and in the same order.
+        """Return whether two scenes have equal content, to the last bit and in the same order.
 
-        `==` asks whether they are one and the same value, by which checkers are kept.
+        `==` compares identity, by which checkers are cached.
         """
         mine: list[SceneObject | AttachedObject] = [*self.objects.values(), *self.attached.values()]
         theirs: list[SceneObject | AttachedObject] = [*other.objects.values(), *other.attached.values()]
@@ -642,7 +644,7 @@ class Scene:
         return found
 
     def _and_one(self, item: SceneObject) -> Scene:
-        """Return a scene with an obstacle more, whose name is new; its cost does not grow with the scene."""
+        """Return a scene with an additional obstacle of a new name; the cost does not grow with the scene."""
         grown: Scene = object.__new__(Scene)
         grown._take(self.objects.and_one(item.name, item), self.attached, self.allowed)
         return grown

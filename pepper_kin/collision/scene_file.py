@@ -1,4 +1,4 @@
-"""Scenes as JSON files: one file holds all of a scene, numbers round-trip to the last bit.
+"""Scenes as JSON files: one file holds a complete scene, and numbers round-trip to the last bit.
 
     {
       "format": "pepper_kin scene",
@@ -13,8 +13,8 @@
 
 Objects may have a `velocity` and an `uncertainty` [m/s], attached ones a `mass` [kg] and a `center_of_mass`
 in their own frame [m].  An object's orientation is a 3 x 3 `rotation`, or `rpy`, which is easier to write by
-hand; neither is none.
-Meshes and clouds are lists of numbers in the same file: a scene in two files could be half replaced.
+hand; omit both for no rotation.
+Meshes and clouds are lists of numbers in the same file, so that a scene is replaced atomically.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ _KINDS: dict[str, tuple[type, tuple[str, ...], tuple[str, ...]]] = {
     "point cloud": (PointCloud, ("points", "radius"), ()),
     "mesh file": (Mesh, ("path", "scale"), ()),
 }
-"""Kind -> class, the fields that it must have, and those that it may leave out."""
+"""Kind -> class, required fields, and optional fields."""
 _ARRAYS = ("vertices", "points")
 _PLACE = ("name", "kind", "position", "rotation", "rpy", "color")
 
@@ -66,7 +66,7 @@ Made = TypeVar("Made")
 
 
 class _FaultError(Exception):
-    """What is wrong with a part of the file, to be named with its place."""
+    """Fault in a part of the file, to be reported with its place."""
 
 
 def save_scene(scene: Any, path: str | os.PathLike[str]) -> Path:
@@ -86,7 +86,7 @@ def save_scene(scene: Any, path: str | os.PathLike[str]) -> Path:
 
 
 def scene_as_dict(scene: Any) -> dict[str, Any]:
-    """Return what `save_scene` writes, as plain values."""
+    """Return the content of a scene file as plain values."""
     return {
         "format": FORMAT,
         "version": VERSION,
@@ -107,7 +107,7 @@ def scene_as_dict(scene: Any) -> dict[str, Any]:
 
 
 def scene_from_dict(content: Any, source: object, make: Callable[..., Made]) -> Made:
-    """Return the scene in plain values, as `load_scene`; `source` is what errors name as their place."""
+    """Return the scene of plain values, see `load_scene`; errors name `source` as the file."""
     try:
         return make(*_parts_of(content))
     except (_FaultError, PepperKinError) as fault:
@@ -146,7 +146,7 @@ def _described(item: Any, pose: np.ndarray, more: dict[str, Any]) -> dict[str, A
 
 
 def _motion(item: SceneObject) -> dict[str, Any]:
-    """Return velocity and uncertainty of an obstacle, as far as it has them."""
+    """Return velocity and uncertainty of an obstacle if they are not zero."""
     if item.path is not None:
         raise InvalidValueError("scene", f"{item.name!r} along a trajectory", "obstacles without one")
     velocity = {"velocity": item.velocity.tolist()} if item.velocity.any() else {}
@@ -154,14 +154,14 @@ def _motion(item: SceneObject) -> dict[str, Any]:
 
 
 def _weight(item: AttachedObject) -> dict[str, Any]:
-    """Return mass and center of mass of an attached object, as far as it has them."""
+    """Return mass and center of mass of an attached object if they are set."""
     mass = {"mass": item.mass} if item.mass else {}
     center = {} if item.center_of_mass is None else {"center_of_mass": item.center_of_mass.tolist()}
     return {**mass, **center}
 
 
 def _written(value: Any, indent: str = "") -> str:
-    """Return JSON with one field a line; lists of numbers and of texts stay on theirs."""
+    """Return JSON with one field per line; lists of numbers and of texts stay on one line."""
     deeper = indent + "  "
     if isinstance(value, dict):
         fields = [f"{deeper}{json.dumps(k)}: {_written(v, deeper)}" for k, v in value.items()]
@@ -180,7 +180,7 @@ def _parts_of(
         found = shortened(repr(content.get("version")))
         raise _FaultError(f"is a scene of version {found}; this library reads version {VERSION}")
     _check_fields(content, ("objects",), ("format", "version", "units", "attached", "allowed"), "the scene")
-    if content.get("units", UNITS) not in (UNITS, "m"):  # "m": written by hand
+    if content.get("units", UNITS) not in (UNITS, "m"):  # "m" is for files written by hand
         raise _FaultError(f'units: {shortened(repr(content["units"]))} is neither "m" nor "{UNITS}"')
     objects: dict[str, SceneObject] = {}
     attached: dict[str, AttachedObject] = {}
@@ -214,6 +214,7 @@ def _parts_of(
 
 
 def _built(build: Callable[[dict[str, Any], str], Any], part: dict[str, Any], place: str) -> Any:
+    """Return a part of the scene built by a function; errors name its place in the file."""
     try:
         return build(part, place)
     except PepperKinError as error:
@@ -221,12 +222,14 @@ def _built(build: Callable[[dict[str, Any], str], Any], part: dict[str, Any], pl
 
 
 def _standing(part: dict[str, Any], place: str) -> SceneObject:
+    """Return an obstacle of the world from its fields."""
     geometry = _geometry(part, (), ("velocity", "uncertainty"), place)
     motion = {name: part[name] for name in ("velocity", "uncertainty") if name in part}
     return SceneObject(part["name"], geometry, _pose(part, place), part.get("color", WOOD), **motion)
 
 
 def _hanging(part: dict[str, Any], place: str) -> AttachedObject:
+    """Return an attached object from its fields."""
     geometry = _geometry(part, ("frame",), ("touch_links", "mass", "center_of_mass"), place)
     links = part.get("touch_links", [])
     if not isinstance(links, list):
@@ -240,6 +243,7 @@ def _hanging(part: dict[str, Any], place: str) -> AttachedObject:
 def _geometry(
     part: dict[str, Any], needed: tuple[str, ...], optional: tuple[str, ...], place: str
 ) -> SceneGeometry:
+    """Return the geometry of an object from its fields, after a check of their names."""
     kind = part.get("kind")
     if not isinstance(kind, str) or kind not in _KINDS:
         raise _FaultError(f"{place}: kind is {shortened(repr(kind))}, not one of {', '.join(_KINDS)}")
@@ -263,6 +267,7 @@ def _geometry(
 
 
 def _whole_numbers(value: Any, place: str) -> Any:
+    """Return faces as an array of integers, shape (f, 3)."""
     rows = value if isinstance(value, list) else [None]
     if not all(isinstance(row, list) and len(row) == 3 and all(type(k) is int for k in row) for row in rows):
         raise _FaultError(f"{place}: faces are not rows of three whole numbers")
@@ -273,6 +278,7 @@ def _whole_numbers(value: Any, place: str) -> Any:
 
 
 def _pose(part: dict[str, Any], place: str) -> np.ndarray:
+    """Return the pose of an object from its fields, shape (4, 4)."""
     if "rotation" in part and "rpy" in part:
         raise _FaultError(f"{place}: has both a rotation and an rpy")
     pose = transform(rpy=as_finite(part["rpy"], "rpy", (3,))) if "rpy" in part else np.eye(4)
@@ -284,6 +290,7 @@ def _pose(part: dict[str, Any], place: str) -> np.ndarray:
 
 
 def _check_fields(part: dict[str, Any], needed: tuple[str, ...], known: tuple[str, ...], place: str) -> None:
+    """Refuse a part of the file that lacks a needed field or has an unknown one."""
     for name in needed:
         if name not in part:
             raise _FaultError(f"{place}: lacks {name!r}")

@@ -42,9 +42,9 @@ PALETTE: tuple[Color, ...] = (
     (0.80, 0.50, 0.58, 1.0),
     (0.62, 0.62, 0.66, 1.0),
 )
-"""Colors of objects that are given none, in turn: none is the red of contact."""
+"""Default colors of objects, used in turn; none of them is the red of contacts."""
 PLASTER: Color = (0.85, 0.86, 0.87, 1.0)
-"""Floors and walls are drawn in it."""
+"""Color of floors and walls."""
 
 RIGID_TOLERANCE = 1e-6
 
@@ -52,7 +52,7 @@ AT_REST = read_only(np.zeros(3))
 
 
 class ObjectPath(Protocol):
-    """Where an obstacle is at each time."""
+    """Pose of an obstacle as a function of time."""
 
     @property
     def speed(self) -> float:
@@ -62,7 +62,7 @@ class ObjectPath(Protocol):
         """Return transform_object_to_world at times of the scene [s], shape (T, 4, 4)."""
 
     def later(self, time: float) -> ObjectPath:
-        """Return the path as it is for a scene that begins later [s]."""
+        """Return the path for a scene that starts later by a time [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,12 +71,12 @@ class SceneObject(FrozenArrays):
 
     Attributes:
         name: Unique name in its scene.
-        geometry: Its shape.
+        geometry: Geometry of the obstacle.
         transform_object_to_world: (4, 4), read-only.
         color: Red, green, blue and opacity, 0 to 1.
-        velocity: With which it goes on from there, from time 0 of the scene on [m/s], shape (3,), read-only.
-        uncertainty: By how much what has to be kept clear around it grows with time [m/s].
-        path: Where it is at each time, instead of a velocity, as a part of a robot that moves; None for none.
+        velocity: Constant velocity from time 0 of the scene on [m/s], shape (3,), read-only.
+        uncertainty: Rate at which the distance to keep from it grows with time [m/s].
+        path: Pose at each time, instead of a velocity, for a part of a moving robot; None for none.
     """
 
     name: str
@@ -103,12 +103,12 @@ class SceneObject(FrozenArrays):
 
     @property
     def moves(self) -> bool:
-        """Whether it has a velocity, a path or an uncertainty."""
+        """Whether the obstacle has a velocity, a path or an uncertainty."""
         return self.path is not None or bool(self.velocity.any()) or self.uncertainty > 0.0
 
     @property
     def speed(self) -> float:
-        """A bound on the speed of its points [m/s]."""
+        """Bound on the speed of the obstacle's points [m/s]."""
         return float(np.linalg.norm(self.velocity)) if self.path is None else self.path.speed
 
     def poses(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -120,7 +120,7 @@ class SceneObject(FrozenArrays):
         return found
 
     def at(self, time: float, enlarged: bool = True) -> SceneObject:
-        """Return the object as it is a time later [s]: moved, and perhaps grown as `Scene.padded` does."""
+        """Return the object after a time [s]: moved, and if `enlarged`, grown as by `Scene.padded`."""
         found = self.moved_to(read_only(self.poses(np.array([time]))[0]))
         if self.path is not None:
             found.__dict__["path"] = self.path.later(time)
@@ -129,12 +129,12 @@ class SceneObject(FrozenArrays):
         return found
 
     def moved_to(self, pose: NDArray[np.float64]) -> SceneObject:
-        """Return the object at another pose, which is neither copied nor checked, and off its path.
+        """Return the object at another pose, which is neither copied nor checked, without its path.
 
-        For objects that move in every step: a check takes ten times what this does.
+        It is meant for objects that move in every step: a check takes ten times as long.
 
         Args:
-            pose: transform_object_to_world, shape (4, 4), rigid; it must not change any more.
+            pose: transform_object_to_world, shape (4, 4), rigid; it must not change afterwards.
         """
         moved = object.__new__(type(self))
         moved.__dict__.update(self.__dict__, transform_object_to_world=pose, path=None)
@@ -147,15 +147,15 @@ class AttachedObject(FrozenArrays):
 
     Attributes:
         name: Unique name in its scene.
-        geometry: Its shape.
-        frame: The link or frame of the robot that it hangs on.
+        geometry: Geometry of the object.
+        frame: Link or frame of the robot to which it is attached.
         transform_object_to_frame: (4, 4), read-only.
-        touch_links: Links that it may touch, besides those that move with the frame and the fingers beyond.
+        touch_links: Links that it may touch, in addition to those that move with the frame and its fingers.
         color: Red, green, blue and opacity, 0 to 1.
-        mass: [kg]; 0 where it does not count.
-        center_of_mass: In its own frame [m], shape (3,), read-only; None: its centroid.
-        load: What it is to the dynamics: the solid of uniform density, moved to where the center of mass is;
-            None without a mass.
+        mass: Mass [kg]; 0 if it does not count.
+        center_of_mass: Center of mass in its own frame [m], shape (3,), read-only; None: its centroid.
+        load: Load for the dynamics: a solid of uniform density, shifted to the center of mass; None without a
+            mass.
     """
 
     name: str
@@ -211,7 +211,7 @@ class AttachedObject(FrozenArrays):
 
     @property
     def extent(self) -> float:
-        """Greatest distance of a point of it from the frame's origin, or a little more [m]."""
+        """Upper bound of the distance of the object's points from the frame's origin [m]."""
         pose, shape = self.transform_object_to_frame, self.geometry
         if isinstance(shape, Mesh):
             shape = TriangleMesh(*read_mesh(shape.path, shape.scale))
@@ -223,7 +223,7 @@ class AttachedObject(FrozenArrays):
 
 
 def grown(geometry: SceneGeometry, margin: float) -> SceneGeometry:
-    """Return a shape that holds all points within `margin` [m] of a given one.
+    """Return a shape that contains all points within `margin` [m] of a given one.
 
     Boxes and cylinders keep their sharp edges, so they grow by more there; meshes get a padding.
     """
@@ -250,7 +250,7 @@ def grown(geometry: SceneGeometry, margin: float) -> SceneGeometry:
 
 
 def same_item(a: SceneObject | AttachedObject, b: SceneObject | AttachedObject) -> bool:
-    """Whether two objects are equal to the last bit."""
+    """Return whether two objects are equal to the last bit."""
     if (a.name, a.color) != (b.name, b.color) or not same_geometry(a.geometry, b.geometry):
         return False
     if isinstance(a, SceneObject) and isinstance(b, SceneObject):
@@ -263,7 +263,7 @@ def same_item(a: SceneObject | AttachedObject, b: SceneObject | AttachedObject) 
 
 
 def same_geometry(a: SceneGeometry, b: SceneGeometry) -> bool:
-    """Whether two shapes are equal to the last bit."""
+    """Return whether two shapes are equal to the last bit."""
     if isinstance(a, ConvexMesh) and isinstance(b, ConvexMesh):
         return a.padding == b.padding and np.array_equal(a.vertices, b.vertices)
     if isinstance(a, TriangleMesh) and isinstance(b, TriangleMesh):
@@ -275,13 +275,13 @@ def same_geometry(a: SceneGeometry, b: SceneGeometry) -> bool:
 
 
 def as_rigid(value: ArrayLike, quantity: str) -> NDArray[np.float64]:
-    """Copy a transform, shape (4, 4), read-only.
+    """Return a read-only copy of a transform, shape (4, 4).
 
     Raises:
-        InvalidValueError: for NaN, a wrong shape, or what is not a rotation and a translation.
+        InvalidValueError: for NaN, a wrong shape, or a matrix that is not a rotation and a translation.
     """
     pose = as_finite(value, quantity, (4, 4))
-    # Of few numbers: NumPy would take ten times as long.
+    # Plain floats: for so few numbers NumPy would take ten times as long.
     (a, b, c, _), (d, e, f, _), (g, h, i, _), (x, y, z, one) = pose.tolist()
     lengths = (a * a + b * b + c * c, d * d + e * e + f * f, g * g + h * h + i * i, one)
     products = (a * d + b * e + c * f, a * g + b * h + c * i, d * g + e * h + f * i, x, y, z)
@@ -295,6 +295,7 @@ def as_rigid(value: ArrayLike, quantity: str) -> NDArray[np.float64]:
 
 
 def _checked(name: str, geometry: SceneGeometry) -> SceneGeometry:
+    """Return a geometry after a check of its type and size, the path of a mesh file made absolute."""
     if not isinstance(geometry, SceneGeometry):
         raise InvalidValueError(
             f"geometry of {name!r}",
@@ -310,7 +311,7 @@ def _checked(name: str, geometry: SceneGeometry) -> SceneGeometry:
 
 
 def _radius(shape: SceneGeometry) -> float:
-    """Return the radius of the ball about its own origin that holds a simple shape [m]."""
+    """Return the radius of the sphere about its own origin that encloses a primitive shape [m]."""
     match shape:
         case Box():
             return float(np.linalg.norm(shape.size)) / 2
@@ -324,6 +325,7 @@ def _radius(shape: SceneGeometry) -> float:
 
 
 def _color(name: str, color: Color) -> Color:
+    """Return a color as four floats after a check that they are from 0 to 1."""
     if any(color is known for known in PALETTE):
         return color
     numbers = as_finite(color, f"color of {name!r}", (4,))
@@ -334,7 +336,7 @@ def _color(name: str, color: Color) -> Color:
 
 
 def checked_pairs(allowed: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
-    """Return pairs of names that may touch, each sorted."""
+    """Return pairs of names that may touch, each pair sorted."""
     pairs = []
     for pair in [allowed] if isinstance(allowed, str | bytes) else allowed:
         names = tuple(pair) if isinstance(pair, list | tuple) else ()
@@ -345,18 +347,18 @@ def checked_pairs(allowed: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
 
 
 def sorted_pair(a: str, b: str) -> tuple[str, str]:
-    """Return two names in their order."""
+    """Return two names, sorted."""
     return (a, b) if a <= b else (b, a)
 
 
 def placed(name: str, position: ArrayLike, rpy: ArrayLike) -> NDArray[np.float64]:
-    """Return the transform to the world, shape (4, 4), of an object's position [m] and rpy [rad].
+    """Return the transform to the world, shape (4, 4), from an object's position [m] and rpy [rad].
 
     Raises:
         InvalidValueError: for NaN, another shape, or angles of more than a whole turn.
 
     Warns:
-        UserWarning: for a position beyond 50 m, as millimeters are.
+        UserWarning: for a position beyond 50 m, which suggests millimeters.
     """
     refuse_degrees(angles := as_finite(rpy, f"rpy of {name!r}", (3,)), f"rpy of {name!r}")
     found = transform(as_finite(position, f"position of {name!r}", (3,)), angles)
@@ -366,5 +368,5 @@ def placed(name: str, position: ArrayLike, rpy: ArrayLike) -> NDArray[np.float64
 
 
 def number_of(name: str, what: str, value: float) -> float:
-    """Return a finite number that an object is made of, such as its radius [m]."""
+    """Return a finite parameter of an object, such as its radius [m]."""
     return float(as_finite(value, f"{what} of {name!r}", ()))

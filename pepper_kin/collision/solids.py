@@ -1,4 +1,4 @@
-"""Shapes of a scene beyond those that links have: half-spaces, meshes as arrays and point clouds."""
+"""Geometries of a scene that links do not have: half-spaces, meshes as arrays and point clouds."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from pepper_kin.model import Geometry
 from pepper_kin.model.joint_vectors import as_batch, as_finite, as_real, shown
 
 FLAT = 1e-9
-"""A body whose least extent is smaller than this is flat [m]; so is a triangle by its height."""
+"""Minimum extent of a body, and height of a triangle, that is not flat [m]."""
 FARTHEST = 1e6
-"""Greatest coordinate and length in a scene [m]: of larger numbers too few digits are left for distances."""
+"""Maximum coordinate and length in a scene [m]: larger numbers leave too few digits for distances."""
 
 
 @dataclass(frozen=True)
@@ -39,12 +39,12 @@ class HalfSpace:
 
 @dataclass(frozen=True, eq=False)
 class ConvexMesh(FrozenArrays):
-    """The convex hull of points; everything inside it is solid.
+    """Convex hull of points, solid inside.
 
     Attributes:
-        vertices: (k, 3) corners of the hull [m], read-only; points given inside of it are dropped.
-        faces: (f, 3) their indices, counter-clockwise seen from outside, read-only.
-        padding: Points nearer than this to the hull belong to it too [m].
+        vertices: (k, 3) corners of the hull [m], read-only; points inside it are dropped.
+        faces: (f, 3) indices of their vertices, counter-clockwise seen from outside, read-only.
+        padding: Distance by which the solid extends beyond the hull [m].
     """
 
     vertices: NDArray[np.float64]
@@ -65,12 +65,12 @@ class ConvexMesh(FrozenArrays):
                 found = f"{len(points)} points {'in a plane' if flat else 'without a hull'}"
                 allowed = "points of which four or more span a volume"
                 raise InvalidValueError("vertices of a convex mesh", found, allowed)
-        # Corners keep the order in which they were given, so that a hull of a hull is the same hull.
+        # Corners keep their given order, so that the hull of a hull is the same hull.
         corners = np.sort(hull.vertices)
         faces = np.searchsorted(corners, hull.simplices)
         vertices = points[corners]
         a, b, c = np.moveaxis(vertices[faces], 1, 0)
-        # Two sides and the normal that Qhull gives, outward, are right-handed where the face is.
+        # Two sides of a face and Qhull's outward normal are right-handed if the face is.
         turns = np.linalg.det(np.stack([b - a, c - a, hull.equations[:, :3]], axis=1))
         faces = np.where(turns[:, None] < 0.0, faces[:, ::-1], faces)
         object.__setattr__(self, "vertices", read_only(vertices))
@@ -80,12 +80,12 @@ class ConvexMesh(FrozenArrays):
 
 @dataclass(frozen=True, eq=False)
 class TriangleMesh(FrozenArrays):
-    """A surface of triangles, closed or not.  It is the surface that is solid, not what it encloses.
+    """Surface of triangles, closed or not.  The surface is solid, not its interior.
 
     Attributes:
         vertices: (k, 3) [m], read-only.
         faces: (f, 3) indices of each triangle's vertices, read-only; triangles without area are dropped.
-        padding: Points nearer than this to the surface belong to it too [m].
+        padding: Distance by which the solid extends beyond the surface [m].
     """
 
     vertices: NDArray[np.float64]
@@ -110,11 +110,11 @@ class TriangleMesh(FrozenArrays):
 
 @dataclass(frozen=True, eq=False)
 class PointCloud(FrozenArrays):
-    """Balls of one radius around points, such as a depth camera gives; there may be none.
+    """Spheres of one radius around points, for example from a depth camera; there may be none.
 
     Attributes:
         points: (k, 3) [m], read-only.
-        radius: Radius of each ball [m].
+        radius: Radius of each sphere [m].
     """
 
     points: NDArray[np.float64]
@@ -131,18 +131,18 @@ class PointCloud(FrozenArrays):
 
     @classmethod
     def thinned(cls, points: ArrayLike, radius: float, voxel: float) -> PointCloud:
-        """Return a cloud of at most one point per cube of a grid, which covers all balls of the given one.
+        """Return a cloud with at most one point per cube of a grid, which covers all spheres of a given one.
 
         The points of a cube are replaced by the middle of their bounding box, and the radius grows by the
-        largest distance from a point to its middle, at most sqrt(3) / 2 of the cube's edge.
+        maximum distance of a point from its middle, at most sqrt(3) / 2 of the cube's edge.
 
         Args:
             points: (k, 3) [m].
-            radius: Radius of the ball around each point [m].
+            radius: Radius of the sphere around each point [m].
             voxel: Edge of the grid's cubes [m].
 
         Raises:
-            InvalidValueError: for NaN, a wrong shape, a radius below 0, a voxel of 0 or less, or points so
+            InvalidValueError: for NaN, a wrong shape, a negative radius, a voxel of 0 or less, or points so
                 far apart that their cubes cannot be counted.
         """
         full = cls(cast("NDArray[np.float64]", points), radius)
@@ -162,7 +162,7 @@ class PointCloud(FrozenArrays):
 
 
 def has_no_area(corners: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which triangles are no higher than `FLAT`, shape (f,), of their corners [m], shape (f, 3, 3)."""
+    """Return whether triangles are no higher than `FLAT`, shape (f,); corners [m], shape (f, 3, 3)."""
     sides = np.roll(corners, -1, axis=1) - corners
     area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
     longest: NDArray[np.float64] = np.linalg.norm(sides, axis=2).max(axis=1, initial=0.0)
@@ -170,7 +170,7 @@ def has_no_area(corners: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def is_flat_hull(hull: Any) -> bool:
-    """Whether SciPy's hull is flat: a volume is at most the least extent times half of the area."""
+    """Return whether SciPy's hull is flat: its volume is at most the minimum extent times half its area."""
     return not 2.0 * hull.volume > 10.0 * FLAT * hull.area
 
 
@@ -178,10 +178,10 @@ SceneGeometry: TypeAlias = Geometry | HalfSpace | ConvexMesh | TriangleMesh | Po
 
 
 def within_world(quantity: str, values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return finite coordinates or lengths [m], of any shape, that are not beyond `FARTHEST`.
+    """Return finite coordinates or lengths [m], of any shape, after a check that they are within `FARTHEST`.
 
     Raises:
-        InvalidValueError: naming the quantity and the greatest of the values.
+        InvalidValueError: naming the quantity and its maximum absolute value.
     """
     if values.size and np.abs(values).max() > FARTHEST:
         worst = values.ravel()[np.abs(values).argmax()]
@@ -190,7 +190,7 @@ def within_world(quantity: str, values: NDArray[np.float64]) -> NDArray[np.float
 
 
 def padding(geometry: SceneGeometry) -> float:
-    """Return the distance by which a geometry reaches beyond its points, or its hull or surface [m]."""
+    """Return the distance by which a geometry extends beyond its points, its hull or its surface [m]."""
     match geometry:
         case ConvexMesh() | TriangleMesh():
             return geometry.padding
@@ -218,10 +218,10 @@ def _thickness(quantity: str, value: float) -> float:
 def _spans_volume(points: NDArray[np.float64]) -> bool:
     """Return whether points [m], shape (k, 3), span a volume.
 
-    They do where the least extent, that along the last principal axis, is more than nothing.
+    They do if the minimum extent, along the last principal axis, is not negligible.
     """
     centered = points - points.mean(axis=0)
-    squares = np.linalg.eigvalsh(centered.T @ centered)  # quick, but exact to half of the digits
+    squares = np.linalg.eigvalsh(centered.T @ centered)  # fast, but accurate to half of the digits only
     if squares[0] > 1e-6 * squares[2] and squares[0] > 10.0 * FLAT**2 * len(points):
         return True
     axes = np.linalg.svd(centered, full_matrices=False)[2]
@@ -229,7 +229,7 @@ def _spans_volume(points: NDArray[np.float64]) -> bool:
 
 
 def _indices(faces: ArrayLike, count: int) -> NDArray[np.int64]:
-    """Return faces, shape (f, 3), as integers, after a look at whether they are indices below `count`."""
+    """Return faces, shape (f, 3), as integers, after a check that they are indices below `count`."""
     allowed = "whole numbers of shape (f, 3), f > 0"
     try:
         array = np.asarray(faces)
@@ -241,7 +241,7 @@ def _indices(faces: ArrayLike, count: int) -> NDArray[np.int64]:
         array.dtype.kind == "f" and bool((np.isfinite(array) & (array == np.floor(array))).all())
     )
     try:
-        as_finite(faces, "faces of a mesh", (None, 3))  # NumPy would count True as 1
+        as_finite(faces, "faces of a mesh", (None, 3))  # NumPy would accept True as 1
     except InvalidValueError:
         whole = False
     if array.ndim != 2 or array.shape[1] != 3 or not len(array) or not whole:

@@ -1,4 +1,4 @@
-"""Velocities of objects that are seen again and again."""
+"""Velocity estimates of objects that are observed repeatedly."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ _ROUNDING = 1e-9  # [s]
 
 
 class SceneTracker:
-    """Gives the objects of a scene velocities, from where they were when it was seen before.
+    """Assigns velocities to the objects of a scene, from their earlier positions.
 
-    An object that moved of late goes on at the mean velocity of the last moments; one that has velocity or
-    its own uncertainty keeps it, and a half-space does not move.
+    An object that moved recently gets the mean velocity of the last moments; one that has a velocity or an
+    uncertainty keeps it, and a half-space does not move.
 
     Args:
-        uncertainty: By how much the velocity may be off [m/s].
-        window: Time over which it is the mean [s].
-        held: Time after its last move for which an object may set off again [s].
+        uncertainty: Maximum error of the velocity [m/s].
+        window: Time over which the mean is taken [s].
+        held: Time after its last move during which an object may start to move again [s].
 
     Raises:
-        InvalidValueError: for an uncertainty below 0, or times that are not above it.
+        InvalidValueError: for a negative uncertainty, or times that are not positive.
     """
 
     def __init__(self, uncertainty: float = 0.3, *, window: float = 0.1, held: float = 1.0) -> None:
@@ -34,7 +34,7 @@ class SceneTracker:
         self._places: deque[tuple[float, dict[str, Array]]] = deque()
 
     def seen(self, scene: Scene, time: float) -> Scene:
-        """Return a scene seen at a time [s], which does not go back, with the velocities of what moved."""
+        """Return a scene observed at a time [s], which never decreases, with velocities of moved objects."""
         known = self._places
         while known and (known[0][0] < time - self._held - _ROUNDING or known[-1][0] >= time):
             known.popleft() if known[-1][0] < time else known.pop()

@@ -1,4 +1,4 @@
-"""Center of mass and inertia of solids of uniform density, for each kilogram."""
+"""Center of mass and inertia of solids of uniform density, per kilogram."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from pepper_kin.model import Box, Capsule, Cylinder, Mesh, Sphere
 
 
 class UniformSolid(NamedTuple):
-    """Mass distribution for each kilogram, in the geometry's own frame.
+    """Mass distribution per kilogram, in the geometry's own frame.
 
     Attributes:
         center: Center of mass [m], shape (3,).
-        inertia: About the center of mass [m^2], shape (3, 3).
+        inertia: Inertia about the center of mass [m^2], shape (3, 3).
     """
 
     center: Array
@@ -29,13 +29,13 @@ class UniformSolid(NamedTuple):
 def uniform_solid(name: str, geometry: SceneGeometry) -> UniformSolid:
     """Return the mass distribution of a geometry that is solid and of uniform density.
 
-    Boxes, spheres, cylinders and capsules by closed forms; convex meshes, and surfaces that are closed, by
-    integrals over their volume (trimesh).  An open surface counts as its convex hull, a cloud as equal balls
-    around its points (uniform ones; where they have no radius, point masses).  Padding does not count.
+    Boxes, spheres, cylinders and capsules have closed forms; convex meshes and closed surfaces are integrated
+    over their volume (trimesh).  An open surface counts as its convex hull, a cloud as equal spheres around
+    its points (solid; with zero radius, point masses).  Padding is ignored.
 
     Args:
         name: Name of the object, for errors.
-        geometry: Its shape.
+        geometry: Geometry of the object.
 
     Raises:
         InvalidValueError: for a half-space, an empty cloud, or a mesh that encloses no volume.
@@ -67,18 +67,18 @@ def uniform_solid(name: str, geometry: SceneGeometry) -> UniformSolid:
 
 
 def _cylinder(radius: float, length: float) -> Array:
-    """Return the inertia of a cylinder along z about its center, for each kilogram [m^2]."""
+    """Return the inertia of a cylinder along z about its center, per kilogram [m^2]."""
     across = radius**2 / 4 + length**2 / 12
     return np.diag([across, across, radius**2 / 2])
 
 
 def _capsule(radius: float, length: float) -> Array:
-    """Return the inertia of a capsule along z about its center, for each kilogram [m^2].
+    """Return the inertia of a capsule along z about its center, per kilogram [m^2].
 
-    A cylinder and two half balls, whose centers of mass are 3/8 of the radius above the ends of the segment
-    and which have 2/5 - 9/64 = 83/320 of m r^2 about axes across z through these centers.
+    It is a cylinder and two hemispheres, whose centers of mass are 3/8 of the radius beyond the ends of the
+    segment; their inertia about axes across z through these centers is 2/5 - 9/64 = 83/320 of m r^2.
     """
-    share = length / (length + 4.0 / 3.0 * radius)  # of the cylinder in the volume
+    share = length / (length + 4.0 / 3.0 * radius)  # volume fraction of the cylinder
     cylinder, lever = _cylinder(radius, length), length / 2 + 3.0 / 8.0 * radius
     across = 83.0 / 320.0 * radius**2 + lever**2
     ends = np.diag([across, across, 0.4 * radius**2])
@@ -86,7 +86,7 @@ def _capsule(radius: float, length: float) -> Array:
 
 
 def _of_surface(name: str, surface: TriangleMesh) -> UniformSolid:
-    """Return the mass distribution of what a surface encloses, or of its hull where it is open."""
+    """Return the mass distribution of the interior of a surface, or of its hull if it is open."""
     import trimesh
 
     mesh = trimesh.Trimesh(surface.vertices, surface.faces, process=True)
@@ -101,9 +101,9 @@ def _of_surface(name: str, surface: TriangleMesh) -> UniformSolid:
 
 
 def _is_closed(faces: NDArray[np.int64]) -> bool:
-    """Whether triangles, shape (f, 3), run along each edge as often one way as the other: no border is left.
+    """Return whether triangles, shape (f, 3), use each edge equally often in both directions, without border.
 
-    Bodies that share edges, which trimesh does not call watertight, are closed, too.
+    Bodies that share edges, which trimesh does not consider watertight, are closed, too.
     """
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     one_way, back = (pairs[np.lexsort(pairs.T)] for pairs in (edges, edges[:, ::-1]))
@@ -115,7 +115,7 @@ def _enclosed(name: str, vertices: Array, faces: NDArray[np.int64]) -> UniformSo
     import trimesh
 
     mesh = trimesh.Trimesh(vertices - vertices.mean(axis=0), faces, process=False)
-    volume = mesh.volume  # below zero where the faces are seen from inside
+    volume = mesh.volume  # negative if the faces are seen from inside
     if not abs(volume) > 0.0:
         allowed = "a mesh that encloses a volume, or a box, where it has a mass"
         raise InvalidValueError(f"geometry of {name!r}", f"a volume of {volume:g} m^3", allowed)

@@ -27,11 +27,11 @@ def objects_of_urdf(
     """Yield the collision shapes of a description, all joints at zero; see `Scene.add_urdf`.
 
     Args:
-        name: Of the object.
+        name: Name of the object.
         urdf: Path or text.
         place: Pose of the root link in the world, shape (4, 4).
         meshes: "hull" or "surface".
-        package_dirs: Folders that hold packages.
+        package_dirs: Folders that contain packages.
     """
     check_choice("meshes", meshes, MESHES)
     with warned(urdf):
@@ -52,8 +52,8 @@ def objects_of_shapes(
     """Yield collision shapes as obstacles, in the colors of their links.
 
     Args:
-        name: The object's, if there is one shape; others are `name/shape`.
-        visuals: Shapes that have the colors.
+        name: Name of the object if there is one shape; others are `name/shape`.
+        visuals: Shapes that define the colors.
         collisions: Shapes of the obstacles.
         poses: Poses of the links in the world, each (4, 4).
         meshes: "hull" or "surface".

@@ -1,4 +1,4 @@
-"""Rows that keep a robot on its wheels: zero-moment point and capture point inside their polygon."""
+"""Balance constraints of the servo: zero-moment point and capture point inside the support polygon."""
 
 from __future__ import annotations
 
@@ -15,30 +15,35 @@ from pepper_kin.kernels.signatures import Floats1, Floats2
 Vector: TypeAlias = tuple[float, float, float]
 
 BODY_MASS = 10
-"""Mass m [kg], h = sum(m x) [kg m], and xx, xy, xz, yy, yz, zz of Sigma = sum(m x x^T) [kg m^2]."""
+"""Inertial numbers of a body: m [kg], h = sum(m x) [kg m], and xx, xy, xz, yy, yz, zz of
+Sigma = sum(m x x^T) [kg m^2]."""
 
 AHEAD = 3.0
-"""Times 1 / omega in which the center of mass may not reach an edge: at 1 it is stopped only by all that the
-wheels allow, which leaves nothing for trunk and arms that turn."""
+"""Look-ahead k in units of 1 / omega, after which the center of mass must be inside every edge: with k = 1
+the wheels' whole braking ability would be used to stop it, and none would be left for moving trunk and
+arms."""
 
 RETURN = 0.5
-"""How much farther outside than a capture point outside the zero-moment point may be that brings it back."""
+"""Ratio b by which the zero-moment point may be farther outside an edge than the capture point that it brings
+back."""
 
 
 class BalanceTable(NamedTuple):
-    """A robot on wheels, with what it carries.
+    """Constants of a robot on wheels and its payload.
 
     Attributes:
-        joints: See `core.kinematic_tree`, shape (njoints, JOINT).
+        joints: Placements of the joints, see `core.kinematic_tree`, shape (njoints, JOINT).
         above: 1 where a joint is moved by a coordinate of the tree, shape (njoints, njoints - 1).
         full_map: E of q_full = E q + e, shape (njoints - 1, n).
         full_offset: e, shape (njoints - 1,).
-        masses: Of the bodies, the world's first, in the frames of their joints, shape (njoints, BODY_MASS).
-        base: The joint that carries the base, and its pose there, shape (13,).
-        corners: Where the wheels stand, in the base [m], shape (k, 2).
-        inward: Unit vectors inward from each edge, which starts at a corner, shape (k, 2).
-        gravity: [m/s^2], shape (3,).
-        margin: What is kept from the edges [m].
+        masses: Inertial numbers of the body of each joint in the joint's frame, the world first, shape
+            (njoints, BODY_MASS).
+        base: Index of the joint that carries the base, and the pose of the base in the joint's frame, shape
+            (13,).
+        corners: Contact points of the wheels in the base frame [m], shape (k, 2).
+        inward: Unit normals of the edges, pointing inward, edge i starting at corner i, shape (k, 2).
+        gravity: Acceleration of gravity [m/s^2], shape (3,).
+        margin: Distance kept from the edges [m].
     """
 
     joints: Floats2
@@ -55,6 +60,7 @@ class BalanceTable(NamedTuple):
 
 @compiled
 def _vector(numbers: Floats1, place: int) -> Vector:
+    """Return three entries of an array from index `place` on."""
     return (float(numbers[place]), float(numbers[place + 1]), float(numbers[place + 2]))
 
 
@@ -70,7 +76,7 @@ def _times(factor: float, a: Vector) -> Vector:
 
 @compiled
 def _turning(mass: Floats1, a: Vector) -> Vector:
-    """Return (tr Sigma - Sigma) a."""
+    """Return (tr Sigma - Sigma) a, the moment of inertia times a."""
     xx, xy, xz, yy, yz, zz = mass[4], mass[5], mass[6], mass[7], mass[8], mass[9]
     return (
         (yy + zz) * a[0] - xy * a[1] - xz * a[2],
@@ -81,19 +87,19 @@ def _turning(mass: Floats1, a: Vector) -> Vector:
 
 @compiled
 def _wrench(mass: Floats1, a: Vector, alpha: Vector) -> tuple[Vector, Vector]:
-    """Return force and moment that an acceleration takes, about the point whose acceleration is a."""
+    """Return force and moment of the accelerations a and alpha, about the point that accelerates by a."""
     h = _vector(mass, 1)
     return _plus(_times(mass[0], a), cross(alpha, h)), _plus(cross(h, a), _turning(mass, alpha))
 
 
 @compiled
 def _turned(pose: Floats1, mass: Floats1, turned: Floats1) -> None:
-    """Write the mass of a body in the world's axes about its joint's origin.
+    """Write the inertial numbers of a body in the world's axes about its joint's origin.
 
     Args:
-        pose: Of the joint in the world, shape (12,).
-        mass: In its frame, shape (BODY_MASS,).
-        turned: Written, shape (BODY_MASS,).
+        pose: Pose of the joint in the world, shape (12,).
+        mass: Inertial numbers in the joint's frame, shape (BODY_MASS,).
+        turned: Output, shape (BODY_MASS,).
     """
     turned[0] = mass[0]
     for i in range(3):
@@ -111,7 +117,7 @@ def _turned(pose: Floats1, mass: Floats1, turned: Floats1) -> None:
 
 @compiled
 def _add_moved(mass: Floats1, o: Vector, total: Floats1) -> None:
-    """Add a mass, shape (BODY_MASS,), about a point o to one about the world's origin."""
+    """Add inertial numbers about a point o, shape (BODY_MASS,), to a total about the world's origin."""
     h, m, place = _vector(mass, 1), mass[0], 4
     total[0] += m
     for i in range(3):
@@ -125,15 +131,15 @@ def _add_moved(mass: Floats1, o: Vector, total: Floats1) -> None:
 def _gather(
     table: BalanceTable, poses: Floats2, axes: Floats2, v: Floats1, wrench: Floats1, masses: Floats2
 ) -> None:
-    """Write what the floor bears without acceleration of the joints, and what each joint carries.
+    """Write the floor's wrench at zero joint acceleration, and the inertial numbers of each subtree.
 
     Args:
         table: The robot.
-        poses: Of the joints in the world, shape (njoints, 12).
-        axes: Of the joints in the world, shape (njoints, 3).
+        poses: Poses of the joints in the world, shape (njoints, 12).
+        axes: Axes of the joints in the world, shape (njoints, 3).
         v: Velocities of the joints, shape (njoints - 1,) [rad/s or m/s].
-        wrench: Written: force [N] and moment about the world's origin [N m], shape (6,).
-        masses: Written: of each joint with all behind it, about the world's origin, shape
+        wrench: Output: force [N] and moment about the world's origin [N m], shape (6,).
+        masses: Output: inertial numbers of each joint's subtree about the world's origin, shape
             (njoints, BODY_MASS).
     """
     count, own, still = table.joints.shape[0], np.empty(BODY_MASS), (0.0, 0.0, 0.0)
@@ -174,7 +180,11 @@ def _gather(
 
 @compiled
 def _write_rates(table: BalanceTable, poses: Floats2, axes: Floats2, masses: Floats2, rates: Floats2) -> None:
-    """Write force and moment about the world's origin by the accelerations, shape (6, n); see `_gather`."""
+    """Write the Jacobian of the floor's wrench about the world's origin by the accelerations, shape (6, n).
+
+    Poses and axes are in the world, shapes (njoints, 12) and (njoints, 3); `masses` has the inertial numbers
+    of the subtrees about the world's origin, shape (njoints, BODY_MASS).
+    """
     rates[:] = 0.0
     for j in range(table.full_map.shape[0]):
         u, o = _vector(axes[j + 1], 0), _vector(poses[j + 1], 0)
@@ -193,15 +203,15 @@ def _write_rates(table: BalanceTable, poses: Floats2, axes: Floats2, masses: Flo
 def _add_carried(
     table: BalanceTable, poses: Floats2, axes: Floats2, place: Vector, center: Vector, rate: Floats2
 ) -> None:
-    """Subtract from the motion of the center of mass what it shares with the base.
+    """Subtract from the Jacobian of the center of mass the motion that the base makes with it.
 
     Args:
         table: The robot.
-        poses: Of the joints in the world, shape (njoints, 12).
-        axes: Of the joints in the world, shape (njoints, 3).
-        place: Of the base in the world [m].
-        center: The center of mass in the world [m].
-        rate: Its Jacobian, changed, shape (2, n).
+        poses: Poses of the joints in the world, shape (njoints, 12).
+        axes: Axes of the joints in the world, shape (njoints, 3).
+        place: Origin of the base in the world [m]; it is not used.
+        center: Center of mass in the world [m].
+        rate: Jacobian of the center of mass, changed, shape (2, n).
     """
     carrier = int(table.base[0])
     for j in range(table.full_map.shape[0]):
@@ -229,18 +239,18 @@ def write_balance_rows(
     stopped before the edge; with k = 1 it is the capture point (Pratt et al., Capture point: a step toward
     humanoid push recovery, 2006).  Both are linear in the next velocity v': the first times the floor's
     vertical force.  A point x that is outside by d comes back at the rate b omega, b = RETURN: the second row
-    asks for d (1 - b omega dt) then.  What brings back a capture point outside by d is a zero-moment point
+    then requires d (1 - b omega dt).  A capture point outside by d is brought back by a zero-moment point
     outside by (1 + b) d, as its rate is omega (x - z): this is the slack of the first row, without which the
-    two contradict each other, and nothing moves.
+    two rows would contradict each other and nothing would move.
 
     Args:
         table: The robot.
         q: Joint positions, shape (n,) [rad or m].
         v: Joint velocities, shape (n,) [rad/s or m/s].
         dt: Length of a tick [s].
-        matrix: Written, those of the zero-moment point first, shape (2 k, n).
-        least: Written, shape (2 k,).
-        slack: Written, shape (2 k,): by how much each row may be broken.
+        matrix: Output, the rows of the zero-moment point first, shape (2 k, n).
+        least: Output, lower bounds of the rows, shape (2 k,).
+        slack: Output, by how much each row may be violated, shape (2 k,).
     """
     n, count, edges = q.size, table.joints.shape[0], table.corners.shape[0]
     full, rates_full = np.empty(count - 1), np.empty(count - 1)

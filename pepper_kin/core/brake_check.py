@@ -1,4 +1,4 @@
-"""Whether a robot that brakes stays clear of everything on its way."""
+"""Collision check of the path along which a robot brakes."""
 
 from __future__ import annotations
 
@@ -10,35 +10,35 @@ from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Flags1, Floats1, Floats2
 
 NOTHING, UNKNOWN, EVERYTHING, OBSTACLE = -1, -2, 0, 1
-"""What is in the way: nothing, what a call-back failed to tell, what cannot be named, or OBSTACLE + k, with k
-the curve of a range or, from the number of curves on, a pair."""
+"""Results of `obstacle`: nothing is in the way; a call-back failed; something that cannot be named is in the
+way; or OBSTACLE + k with the index k of a joint-range curve or, from the number of curves on, of a pair."""
 
 FARTHEST = 0.08
 MAX_QUERIES = 4
-"""How far bodies are looked for [m], and how often one brake path is looked at again."""
+"""Distance up to which pairs are searched for [m], and maximum number of searches along one braking path."""
 
 STEP_OF_NEAR = 0.75
 DEEPER = 1e-4
-"""Pairs nearer than what is kept keep this share of their distance; those that touch may be found so much
-deeper [m]."""
+"""Pairs that are nearer than the required clearance keep this ratio of their distance at the start; touching
+pairs may come out deeper by this tolerance [m]."""
 
 
 @compiled
 def _floor(distance: float) -> float:
-    """Return how near a pair may come that is near already [m]."""
+    """Return the clearance [m] required of a pair whose distance at the start is below the usual one."""
     return STEP_OF_NEAR * distance if distance > 0.0 else distance - DEEPER
 
 
 @compiled
 def _write_floors(world: NearWorld, near: NearState, close: int, at: NearState, hard: float) -> Floats1:
-    """Return how near each pair of a state may come, shape (k,) [m].
+    """Return the clearance that each pair of a state has to keep, shape (k,) [m].
 
     Args:
-        world: The pairs.
-        near: Those near at the beginning, the nearest first: the least of equal owners counts.
-        close: How many of them are nearer than what is kept at the least.
-        at: The state.
-        hard: What all others keep [m].
+        world: All pairs.
+        near: Pairs near the start state, the nearest first: of pairs of the same owner the nearest counts.
+        close: How many of them are nearer than the usual clearance allows.
+        at: The state whose pairs are listed.
+        hard: Clearance that all other pairs keep [m].
     """
     least = np.full(at.indices.size, hard)
     for k in range(at.indices.size):
@@ -55,24 +55,24 @@ def obstacle(
     world: NearWorld, ranges: RangeTable, q: Floats1, shifts: Floats2, near: NearState, hard: float,
     joints: Flags1,
 ) -> int:  # fmt: skip
-    """Find what a brake path runs into.
+    """Find what the robot would collide with along a braking path.
 
-    Most pairs are shown to stay apart all the way by how far the joints can move them, see `clear_rows`;
-    those of which this says nothing are measured at every tick of the way.  No pair may come nearer than
-    `hard`, or than 3/4 of its distance at q if that is less; pairs that touch at q may part, and else not go
-    deeper.
+    Most pairs are shown to stay apart along the whole path by how far the joints can move them, see
+    `clear_rows`; the pairs left in doubt are measured at every tick of the path.  No pair may come nearer
+    than `hard`, or than 3/4 of its distance at q if that is less; pairs that touch at q may separate, but not
+    penetrate deeper.
 
     Args:
         world: The pairs.
         ranges: Joint ranges that stand for pairs of neighbors.
-        q: Where it begins, shape (n,) [rad or m].
-        shifts: Positions along it, tick by tick, from there on, the first zero, shape (m, n) [rad or m].
-        near: The pairs that are near at q.
-        hard: What pairs keep [m].
-        joints: Written: which joints would have to brake for it, shape (n,).
+        q: Start configuration, shape (n,) [rad or m].
+        shifts: Displacements from q, tick by tick, the first zero, shape (m, n) [rad or m].
+        near: Pairs that are near at q.
+        hard: Clearance that pairs keep [m].
+        joints: Output: joints that would have to brake to avoid the collision, shape (n,).
 
     Returns:
-        See NOTHING, ....
+        NOTHING, UNKNOWN, EVERYTHING or OBSTACLE + k.
     """
     joints[:] = True
     entered = entered_range(ranges, q, shifts)
@@ -91,7 +91,7 @@ def obstacle(
             spare[k] = at.distances[k] - least[k]
         pairs = PairTable(table.gradients, table.movers, table.cores, table.motion_bounds, spare)
         clear = clear_rows(shifts, tick, pairs, at.within - hard, doubts)
-        # So far no pair that was not seen can have come too near.
+        # Up to this tick no pair outside the list can have come too near.
         if clear < 1:
             return EVERYTHING
         hit = _first_hit(world, q, shifts[tick + 1 : tick + clear + 1], (at, least, doubts), joints)
@@ -114,14 +114,15 @@ def _first_hit(
     doubtful: tuple[NearState, Floats1, Flags1],
     joints: Flags1,
 ) -> int:
-    """Measure pairs in doubt along a path; return the nearest that comes too near, or NOTHING or UNKNOWN.
+    """Measure doubtful pairs along a path; return the nearest that comes too near, or NOTHING or UNKNOWN.
 
     Args:
-        world: The pairs.
-        q: Where the path begins, shape (n,) [rad or m].
-        shifts: Positions along it, shape (m, n) [rad or m].
-        doubtful: A state, what its pairs keep, shape (k,) [m], and which of them are in doubt, shape (k,).
-        joints: Written where one comes too near: the joints that move those, shape (n,).
+        world: All pairs.
+        q: Start configuration, shape (n,) [rad or m].
+        shifts: Displacements from q, shape (m, n) [rad or m].
+        doubtful: A state, the clearance that each of its pairs keeps, shape (k,) [m], and whether the pair is
+            in doubt, shape (k,).
+        joints: Output where a pair comes too near: joints that move such pairs, shape (n,).
     """
     at, least, doubts = doubtful
     count = 0

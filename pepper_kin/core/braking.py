@@ -1,4 +1,4 @@
-"""Joint velocities from which every joint can still stop before its limits, counted in ticks."""
+"""Joint velocities from which every joint can still stop within its limits, in discrete time."""
 
 from __future__ import annotations
 
@@ -12,27 +12,28 @@ from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Flags1, Floats1, Floats2, Ints1
 
 ACCELERATION, VELOCITY, POSITION, LOCKED = 0, 1, 2, 3
-"""Origins of a bound."""
+"""Kinds of limit that a velocity bound comes from."""
 
-# Share of the acceleration limits that an approach plans its braking with: the rest is for corrections.
+# Ratio of the acceleration limits that an approach plans its braking with; the rest is for corrections.
 RESERVE = 0.7
 
-# Damping of the joint speeds [m/rad]: where a direction moves less than this, the joints are spared.
+# Damping of the joint speeds [m/rad]: a direction in which the joints move the frame less than this is
+# damped.
 DAMPING = 3e-3
 
-# Below this slope a direction counts as lost, and a residual as vanished.
+# Smallest singular value [m/rad] that costs are computed with, and norm of a residual that counts as zero.
 LOST = 1e-3
 VANISHED = 1e-9
 
 
 class JointLimits(NamedTuple):
-    """Limits of every joint, infinite where there is none.
+    """Limits of every joint; infinite for a joint without a limit.
 
     Attributes:
         lower: Lower position limits [rad or m], shape (n,).
         upper: Upper position limits, shape (n,).
-        velocity: Greatest speeds [rad/s or m/s], shape (n,).
-        acceleration: Greatest changes of velocity per second [rad/s^2 or m/s^2], shape (n,).
+        velocity: Maximum speeds [rad/s or m/s], shape (n,).
+        acceleration: Maximum accelerations [rad/s^2 or m/s^2], shape (n,).
         movable: Which joints may move, shape (n,).
     """
 
@@ -44,14 +45,14 @@ class JointLimits(NamedTuple):
 
 
 class VelocityInterval(NamedTuple):
-    """Interval of the next velocity, joint by joint; never empty, for `brake` is always within.
+    """Interval of the next velocity of every joint; never empty, because `brake` is always within.
 
     Attributes:
-        low: Least velocity [rad/s or m/s], shape (n,).
-        high: Greatest velocity, shape (n,).
-        brake: The velocity of the hardest brake, shape (n,).
-        low_kind: Origin of `low` (ACCELERATION, ...), shape (n,).
-        high_kind: Origin of `high`, shape (n,).
+        low: Minimum velocity [rad/s or m/s], shape (n,).
+        high: Maximum velocity [rad/s or m/s], shape (n,).
+        brake: Velocity at maximum deceleration [rad/s or m/s], shape (n,).
+        low_kind: Kind of limit of `low` (ACCELERATION, ...), shape (n,).
+        high_kind: Kind of limit of `high`, shape (n,).
     """
 
     low: Floats1
@@ -63,7 +64,7 @@ class VelocityInterval(NamedTuple):
 
 @compiled("float64(float64, float64, float64)")
 def stopping_speed(distance: float, deceleration: float, dt: float) -> float:
-    """Return the greatest speed v from which a joint stops within a distance.
+    """Return the maximum speed v from which a joint stops within a distance.
 
     In steps of dt at v, v - a dt, v - 2 a dt, ... a joint travels, with N = floor(v / (a dt)),
 
@@ -94,14 +95,14 @@ def stopping_speed(distance: float, deceleration: float, dt: float) -> float:
 def bound_velocities(
     q: Floats1, v: Floats1, limits: JointLimits, dt: float, bounds: VelocityInterval
 ) -> None:
-    """Write the velocities that keep position, velocity and acceleration limits for ever.
+    """Write the velocities from which position, velocity and acceleration limits can be kept forever.
 
     Args:
         q: Joint positions [rad or m], shape (n,).
         v: Velocities of the last tick, which kept the limits [rad/s or m/s], shape (n,).
-        limits: The limits.
+        limits: Limits of the joints.
         dt: Length of a tick [s].
-        bounds: Written.
+        bounds: Output.
     """
     low, high, brake = bounds.low, bounds.high, bounds.brake
     low_kind, high_kind, velocity = bounds.low_kind, bounds.high_kind, limits.velocity
@@ -124,19 +125,19 @@ def bound_velocities(
             high[i], high_kind[i] = above, POSITION
         if below > low[i]:
             low[i], low_kind[i] = below, POSITION
-        # Rounding, or a velocity from outside, must not leave the brake outside.
+        # Rounding, or a velocity from outside, must not leave `brake` outside the interval.
         high[i], low[i] = max(high[i], brake[i]), min(low[i], brake[i])
 
 
 @compiled
 def brake_joints(bounds: VelocityInterval, joints: Flags1, gentle: Floats1) -> None:
-    """Narrow bounds so that some joints brake.
+    """Narrow velocity bounds so that some joints brake.
 
     Args:
         bounds: Changed.
-        joints: Which joints, shape (n,).
-        gentle: Velocities of the gentlest brake that will do [rad/s or m/s], shape (n,); near the end of its
-            range a joint brakes harder.
+        joints: Which joints brake, shape (n,).
+        gentle: Velocities of the smallest sufficient deceleration [rad/s or m/s], shape (n,); near the end of
+            its range a joint decelerates more.
     """
     low, high = bounds.low, bounds.high
     for i in range(gentle.size):
@@ -148,15 +149,15 @@ def brake_joints(bounds: VelocityInterval, joints: Flags1, gentle: Floats1) -> N
 
 @compiled
 def brake_path(v: Floats1, acceleration: Floats1, dt: float) -> Floats2:
-    """Return how far each joint has moved at each tick of a brake, with sign, shape (m, n) [rad or m].
+    """Return how far each joint has moved at each tick of braking, with sign, shape (m, n) [rad or m].
 
     Args:
         v: Velocity of the first tick [rad/s or m/s], shape (n,).
-        acceleration: a, by which they brake from then on [rad/s^2 or m/s^2], shape (n,).
+        acceleration: a, deceleration of the joints after the first tick [rad/s^2 or m/s^2], shape (n,).
         dt: Length of a tick [s].
 
     Returns:
-        From no tick, which is zero, to the last one that moves.
+        Displacements from before the first tick, which are zero, to the last tick in which a joint moves.
     """
     last = 0.0
     for i in range(v.size):
@@ -183,20 +184,20 @@ def approach_rate(
     gain: float,
     singularity: float,
 ) -> tuple[float, float]:
-    """Return the rate of approach, and the share of speed that singularities leave.
+    """Return the rate of approach [1/s], and the factor by which singularities reduce the speed.
 
     With J D^-1 = U S V^T (D scales the joints; locked ones are left out) and e the unit vector of the
-    residual, g = |S^-1 U^T e| is the joint speed that one unit of it costs.  The share is
+    residual, g = |S^-1 U^T e| is the joint speed for one unit of residual.  The factor is
     min(1, 1 / (g sigma)) with sigma the threshold: 1 where the direction is easy, falling to zero with the
     singular value of a direction that is being lost; the direction itself is kept.
 
     Args:
         jacobian: J, shape (m, n).
-        wanted: The residual or rate, shape (m,).
+        wanted: Residual or rate, shape (m,).
         weights: d of D = diag(d), shape (n,).
-        limits: Of the joints.
+        limits: Limits of the joints.
         dt: Length of a tick [s].
-        gain: Greatest share of an error that is removed per second [1/s].
+        gain: Maximum ratio of an error that is removed per second [1/s].
         singularity: sigma [m/rad].
     """
     m, n = jacobian.shape
@@ -240,7 +241,7 @@ def approach_rate(
             distance = max(abs(step) / weights[i], 1e-12)
             speed = min(stopping_speed(distance, RESERVE * limits.acceleration[i], dt), limits.velocity[i])
             pull = min(pull, speed / distance)
-    # More directions than joints: the rest is always lost, and no measure of how near a singularity is.
+    # With more directions than joints the rest is always lost, and tells nothing about a singularity.
     effort = 0.0
     for k in range(max(0, m - moving), m):
         cost = along[k] / (size * max(math.sqrt(values[k]), LOST))

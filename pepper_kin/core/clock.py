@@ -17,10 +17,10 @@ _MONOTONIC = int(time.CLOCK_MONOTONIC)
 
 @compiled(lean=True, inline=True)
 def seconds_now(clock: int, place: Ints1) -> float:
-    """Return the time of the monotonic clock, that of `time.perf_counter` [s].
+    """Return the monotonic clock's time, as `time.perf_counter` does [s].
 
     Args:
-        clock: `CLOCK`, an argument because an address is not a constant.
+        clock: `CLOCK`, passed as an argument because machine code that is stored must not hold an address.
         place: Workspace, shape (2,).
     """
     call_clock(clock, _MONOTONIC, place.ctypes.data)

@@ -1,4 +1,4 @@
-"""Rewards, observations and new episodes of many robots that learn."""
+"""Rewards, observations and starts of episodes of many learning robots."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from pepper_kin.kernels.signatures import Flags1, Floats1, Floats2, Floats3, Int
 
 
 class Score(NamedTuple):
-    """How N states meet their goals.
+    """Scores of N states against their goals.
 
     Attributes:
-        distance: Greatest distance of what is led from its goal [m], shape (N,).
-        cost: What else counts, in meters of distance, shape (N,).
+        distance: Maximum distance of a led point from its goal [m], shape (N,).
+        cost: Additional cost, in meters of distance, shape (N,).
         success: Whether the goals are met, shape (N,).
-        failed: Whether the episode is lost and ends, shape (N,).
+        failed: Whether the episode has failed and ends, shape (N,).
     """
 
     distance: Floats1
@@ -29,12 +29,12 @@ class Score(NamedTuple):
 
 
 class StepRules(NamedTuple):
-    """How steps are rewarded, and when episodes end.
+    """Rules of rewards and of the end of episodes.
 
     Attributes:
-        horizon: Steps of an episode.
-        lost: Taken off for each step that a lost episode would have had.
-        sparse: Whether the reward is 0 where the goals are met, else -1.
+        horizon: Maximum number of steps of an episode.
+        lost: Penalty of a failure for each step that remains until the horizon.
+        sparse: Whether the reward is 0 if the goals are met, else -1.
     """
 
     horizon: int
@@ -43,7 +43,7 @@ class StepRules(NamedTuple):
 
 
 class StepOutcome(NamedTuple):
-    """Rewards of a step, and which episodes end; shape (N,) each, written."""
+    """Output of a step: rewards and which episodes end, shape (N,) each."""
 
     rewards: Floats1
     terminated: Flags1
@@ -51,14 +51,14 @@ class StepOutcome(NamedTuple):
 
 
 class Seen(NamedTuple):
-    """What is observed of N robots.
+    """Observed quantities of N robots.
 
     Attributes:
-        position: Of all joints [rad or m], shape (N, n).
-        velocity: Of all joints, shape (N, n).
-        places: Of what is led [m], shape (N, g, 3).
-        goals: Of the same [m], shape (N, g, 3).
-        extra: What is observed besides, shape (N, e).
+        position: Positions of all joints [rad or m], shape (N, n).
+        velocity: Velocities of all joints [rad/s or m/s], shape (N, n).
+        places: Positions of the led points [m], shape (N, g, 3).
+        goals: Goals of the led points [m], shape (N, g, 3).
+        extra: Additional observations, shape (N, e).
     """
 
     position: Floats2
@@ -70,7 +70,7 @@ class Seen(NamedTuple):
 
 @compiled("void(float64[:, :, ::1], float64[:, :, ::1], float64[::1])")
 def greatest_distances(places: Floats3, goals: Floats3, distance: Floats1) -> None:
-    """Write the greatest distance of N robots' places from their goals [m], (N, g, 3) each, into (N,)."""
+    """Write the maximum distance of each robot's points from their goals [m]: (N, g, 3) each, into (N,)."""
     for robot in range(len(distance)):
         most = 0.0
         for k in range(places.shape[1]):
@@ -86,15 +86,15 @@ def greatest_distances(places: Floats3, goals: Floats3, distance: Floats1) -> No
 def end_step(
     score: Score, sound: Flags1, anew: Flags1, elapsed: Ints1, rules: StepRules, ends: StepOutcome
 ) -> None:
-    """Reward a step, and say which episodes it ends.
+    """Write the rewards of a step, and which episodes it ends.
 
     Args:
-        score: Of the states at its end; what failed in a step that begins an episode does not count.
-        sound: Which robots are, shape (N,); the episodes of the others are truncated.
-        anew: Which episodes it only begins, shape (N,).
-        elapsed: Steps of the episodes, shape (N,).
-        rules: How steps are rewarded.
-        ends: Written.
+        score: Scores at the end of the step; a failure in a step that starts an episode does not count.
+        sound: Which robots are in a valid state, shape (N,); the episodes of the others are truncated.
+        anew: Which episodes have just started, shape (N,).
+        elapsed: Steps of the episodes so far, shape (N,).
+        rules: Rules of rewards.
+        ends: Output.
     """
     for robot in range(len(sound)):
         lost = score.failed[robot] and sound[robot] and not anew[robot]
@@ -111,14 +111,14 @@ def end_step(
 
 @compiled("void(Seen, float64[:, ::1], int64[::1], boolean, float32[:, ::1])")
 def observe(seen: Seen, scales: Floats2, joints: Ints1, ways: bool, out: Singles2) -> None:
-    """Write observations: positions and velocities of k joints, places, ways to the goals, and more.
+    """Write observations: positions and velocities of k joints, points, vectors to the goals, and extras.
 
     Args:
-        seen: The robots.
-        scales: Position that counts as 0, half of the range that counts as 1, and velocity that does, (3, k).
-        joints: Which joints, shape (k,).
-        ways: Whether ways to the goals are observed.
-        out: Written, shape (N, 2 k + 3 g (+ 3 g) + e).
+        seen: Observed quantities.
+        scales: Position that maps to 0, half range that maps to 1, and velocity that maps to 1, shape (3, k).
+        joints: Indices of the joints, shape (k,).
+        ways: Whether the vectors from points to goals are observed.
+        out: Output, shape (N, 2 k + 3 g (+ 3 g) + e).
     """
     count = joints.size
     for robot in range(len(out)):
@@ -142,14 +142,14 @@ def observe(seen: Seen, scales: Floats2, joints: Ints1, ways: bool, out: Singles
 
 @compiled("void(int64[::1], int64[::1], int64[::1], float64[:, ::1], float64[:, ::1])")
 def begin_episodes(rows: Ints1, keys: Ints1, counts: Ints1, bank: Floats2, episode: Floats2) -> None:
-    """Draw the next episodes of some robots.
+    """Draw the next episodes of some robots from a bank.
 
     Args:
-        rows: Their numbers.
-        keys: Of the streams that each robot draws from, as whole numbers of 64 bits, shape (N,).
-        counts: Episodes that each has begun, shape (N,); changed.
+        rows: Indices of the robots, shape (r,).
+        keys: Keys of the robots' random streams, as integers of 64 bits, shape (N,).
+        counts: Number of episodes that each robot has started, changed, shape (N,).
         bank: Episodes to draw from, shape (m, w).
-        episode: Those of the robots, shape (N, w); changed.
+        episode: Current episode of each robot, changed, shape (N, w).
     """
     for k in range(rows.size):
         robot = rows[k]

@@ -1,7 +1,7 @@
-"""Sums over moving masses, turned into those over all masses, of which some are fixed.
+"""Conversion of sums over moving masses to sums over all masses, some of which are fixed.
 
-With s the fixed masses' share of the whole, c_0 their center, and c the center of those that move, the
-center of all is (1 - s) c + s c_0, from which c lies s (c - c_0) away.
+With s the fixed masses' fraction of the total, c_0 their center, and c the center of the moving masses, the
+center of all masses is (1 - s) c + s c_0, at the distance s (c - c_0) from c.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from pepper_kin.kernels.signatures import Floats1
 
 @compiled("void(float64, float64[::1], float64[::1])")
 def center_of_all(share: float, still: Floats1, center: Floats1) -> None:
-    """Turn the center of the moving masses into that of all.
+    """Convert the center of the moving masses to the center of all masses, in place.
 
     Args:
-        share: Share of the moving masses, 1 - s.
+        share: Mass fraction of the moving masses, 1 - s.
         still: s c_0, shape (3,) [m].
         center: c, overwritten, shape (3,) [m].
     """
@@ -25,13 +25,13 @@ def center_of_all(share: float, still: Floats1, center: Floats1) -> None:
 
 @compiled("void(float64, float64[::1], float64[::1], float64[::1])")
 def momentum_about_center_of_all(part: float, fixed: Floats1, center: Floats1, momentum: Floats1) -> None:
-    """Move the point of reference of momenta from the center of the moving masses to that of all.
+    """Move the reference point of momenta from the center of the moving masses to the center of all.
 
     Args:
-        part: Share of the fixed masses, s.
+        part: Mass fraction of the fixed masses, s.
         fixed: c_0, shape (3,) [m].
         center: c, shape (3,) [m].
-        momentum: Rows of a matrix of shape (6, k), one after the other: linear momenta, then angular ones
+        momentum: Rows of a matrix of shape (6, k), one after the other: linear momenta, then angular momenta
             about c; overwritten, shape (6 k,).
     """
     x = part * (center[0] - fixed[0])
@@ -49,12 +49,12 @@ def momentum_about_center_of_all(part: float, fixed: Floats1, center: Floats1, m
 def wrench_about_origin(
     share: float, still: Floats1, weight: Floats1, center: Floats1, rate: Floats1
 ) -> None:
-    """Turn the rate of momentum into the wrench about the origin that causes it, beside gravity.
+    """Convert the rate of momentum to the wrench about the origin that causes it together with gravity.
 
     f = dp/dt - m g and n = dL/dt + c x dp/dt - c_all x m g.
 
     Args:
-        share: Share of the moving masses, 1 - s.
+        share: Mass fraction of the moving masses, 1 - s.
         still: s c_0, shape (3,) [m].
         weight: m g of all masses, shape (3,) [N].
         center: c, shape (3,) [m].

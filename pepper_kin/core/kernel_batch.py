@@ -1,4 +1,4 @@
-"""Kernels of joint vectors evaluated for many states without the checks of their Python calls."""
+"""Evaluation of kernels of joint vectors for many states, without the checks of their Python calls."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ _WORDS = 8
 def evaluate(kernel: Kernel, *states: Array) -> Array:
     """Evaluate a kernel for contiguous, finite arrays of shape (T, n).
 
-    Calling it by its address, as it documents, saves the checks of `Kernel.__call__`, which take as long as
-    hundreds of states.
+    Calling the kernel by its address, as it documents, avoids the checks of `Kernel.__call__`, which take as
+    long as hundreds of states.
 
     Args:
         kernel: A kernel of one to three joint vectors with one result.
         *states: The joint vectors, shape (T, n) [rad or m].
 
     Returns:
-        Shape (T, size of the result).
+        The result, shape (T, size of the result).
     """
     result = np.empty((len(states[0]), kernel.signature.output_sizes[0]))
     work, words = np.empty(kernel.work_size + 8), np.empty(_WORDS, np.int64)
@@ -52,11 +52,11 @@ def evaluate_batch(
     All memory belongs to the caller, so that it outlives the call.
 
     Args:
-        address: Of the kernel's `batch`.
+        address: Address of the kernel's `batch`.
         first: First input, shape (T, n).
-        second: Second input, shape (T, n); not read where there is only one.
-        third: Third input, shape (T, n); not read where there are only two.
-        result: Receives the result, shape (T, size of the result).
+        second: Second input, shape (T, n); not read if there is only one.
+        third: Third input, shape (T, n); not read if there are only two.
+        result: Output, shape (T, size of the result).
         work: Workspace, shape (>= work_size,).
         words: Workspace, shape (8,).
     """
@@ -72,9 +72,9 @@ def matrix_product(left: Array, right: Array, result: Array) -> None:
     """Write left @ right without BLAS, which may start threads and wait for a processor.
 
     Args:
-        left: Shape (T, m).
-        right: Shape (m, k).
-        result: Receives the product, shape (T, k).
+        left: Left factor, shape (T, m).
+        right: Right factor, shape (m, k).
+        result: Output, shape (T, k).
     """
     for t in range(left.shape[0]):
         for k in range(right.shape[1]):
@@ -86,13 +86,13 @@ def matrix_product(left: Array, right: Array, result: Array) -> None:
 
 @compiled("void(float64[:, ::1], float64, int64, float64[:, ::1])", lean=True)
 def linear_speed_share(velocity: Array, limit: float, column: int, shares: Array) -> None:
-    """Write the linear speed of a frame over its limit to a column.
+    """Write the ratio of a frame's linear speed to its limit into a column.
 
     Args:
         velocity: Spatial velocities, linear part first, shape (T, 6) [m/s and rad/s].
-        limit: Greatest speed [m/s].
+        limit: Maximum speed [m/s].
         column: Column of `shares`.
-        shares: Receives the result, shape (T, f).
+        shares: Output, shape (T, f).
     """
     for t in range(velocity.shape[0]):
         x, y, z = velocity[t, 0], velocity[t, 1], velocity[t, 2]

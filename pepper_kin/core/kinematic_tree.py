@@ -8,9 +8,10 @@ from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2
 
 JOINT = 17
-"""Numbers of a joint: its parent, whether it slides, its placement there as a pose (12), its axis (3).
+"""Size of a joint: its parent, 1 if it is prismatic, its placement in the parent as a pose (12), its axis
+(3).
 
-A pose is the origin [m] and the x, y and z axis, shape (12,)."""
+A pose is the origin [m], then the x, y and z axis, shape (12,)."""
 
 
 @compiled(lean=True)
@@ -20,7 +21,7 @@ def compose(outer: Floats1, inner: Floats1, pose: Floats1) -> None:
     Args:
         outer: Pose of the other frame in the world.
         inner: Pose of the frame in the other.
-        pose: Written.
+        pose: Output.
     """
     for column in range(4):
         x, y, z = inner[3 * column], inner[3 * column + 1], inner[3 * column + 2]
@@ -34,10 +35,10 @@ def place_joints(joints: Floats2, q: Floats1, poses: Floats2, axes: Floats2) -> 
     """Write the poses and axes of all joints in the world.
 
     Args:
-        joints: Rows of JOINT numbers, that of the universe first, shape (njoints, JOINT).
+        joints: Rows of JOINT numbers, the universe first, shape (njoints, JOINT).
         q: Coordinates of `pinocchio_model` [rad or m], shape (njoints - 1,).
-        poses: Written, poses of the joints, shape (njoints, 12) [m].
-        axes: Written, their axes, shape (njoints, 3).
+        poses: Output, poses of the joints, shape (njoints, 12) [m].
+        axes: Output, unit axes of the joints, shape (njoints, 3).
     """
     poses[0] = 0.0
     poses[0, 3], poses[0, 7], poses[0, 11] = 1.0, 1.0, 1.0

@@ -10,7 +10,7 @@ from pepper_kin.kernels.signatures import Floats1, Floats2
 
 @compiled(lean=True, inline=True)
 def dot(a: Floats1, b: Floats1) -> float:
-    """Return sum(a_i b_i) of two vectors, shape (n,)."""
+    """Return the dot product sum(a_i b_i) of two vectors, shape (n,)."""
     total = 0.0
     for i in range(a.size):
         total += a[i] * b[i]
@@ -23,7 +23,7 @@ def cholesky(matrix: Floats2, factor: Floats2) -> bool:
 
     Args:
         matrix: A, symmetric, shape (n, n); its lower triangle is read.
-        factor: L, written, shape (n, n); above the diagonal it is left as it is.
+        factor: L, output, shape (n, n); entries above the diagonal are not written.
     """
     for j in range(matrix.shape[0]):
         pivot = matrix[j, j]
@@ -33,7 +33,7 @@ def cholesky(matrix: Floats2, factor: Floats2) -> bool:
             return False
         factor[j, j] = math.sqrt(pivot)
         i = j + 1
-        while i + 3 < matrix.shape[0]:  # four sums at a time: in a single one each term waits for the last
+        while i + 3 < matrix.shape[0]:  # four independent sums, since each term of a sum waits for the last
             first, second, third, fourth = matrix[i, j], matrix[i + 1, j], matrix[i + 2, j], matrix[i + 3, j]
             for c in range(j):
                 above = factor[j, c]
@@ -75,14 +75,14 @@ def solve_lower_transposed(factor: Floats2, vector: Floats1) -> None:
 
 @compiled(lean=True)
 def symmetric_eigen(matrix: Floats2, values: Floats1, vectors: Floats2) -> None:
-    """Write eigenvalues, least first, and eigenvectors of a symmetric matrix by cyclic Jacobi rotations.
+    """Write the eigenvalues, ascending, and eigenvectors of a symmetric matrix by cyclic Jacobi rotations.
 
     Source: G. H. Golub and C. F. Van Loan, Matrix Computations, section 8.5.
 
     Args:
-        matrix: Shape (n, n); overwritten.
-        values: Written, shape (n,).
-        vectors: Written, one in each column, shape (n, n).
+        matrix: Symmetric matrix, shape (n, n); overwritten.
+        values: Output, shape (n,).
+        vectors: Output, one in each column, shape (n, n).
     """
     n = values.size
     for i in range(n):
@@ -101,7 +101,7 @@ def symmetric_eigen(matrix: Floats2, values: Floats1, vectors: Floats2) -> None:
                 _rotate(matrix, vectors, p, q)
     for i in range(n):
         values[i] = matrix[i, i]
-    for i in range(n - 1):  # least first
+    for i in range(n - 1):  # sort ascending
         least = i
         for j in range(i + 1, n):
             if values[j] < values[least]:
@@ -114,7 +114,7 @@ def symmetric_eigen(matrix: Floats2, values: Floats1, vectors: Floats2) -> None:
 
 @compiled(lean=True)
 def _rotate(matrix: Floats2, vectors: Floats2, p: int, q: int) -> None:
-    """Make entries (p, q) and (q, p) of a symmetric matrix vanish; turn the vectors, both of shape (n, n)."""
+    """Zero entries (p, q) and (q, p) of a symmetric matrix, and rotate `vectors`; both have shape (n, n)."""
     if matrix[p, q] == 0.0:
         return
     theta = (matrix[q, q] - matrix[p, p]) / (2.0 * matrix[p, q])
@@ -145,7 +145,7 @@ def solve_cholesky(factor: Floats2, vector: Floats1) -> None:
 
 @compiled(lean=True)
 def solve_cholesky_columns(factor: Floats2, columns: Floats2) -> None:
-    """Replace B by A^-1 B, given L of A = L L^T: `solve_cholesky` of all columns at once.
+    """Replace B by A^-1 B, given L of A = L L^T, for all columns at once.
 
     Args:
         factor: L, shape (n, n).
@@ -163,13 +163,13 @@ def solve_cholesky_columns(factor: Floats2, columns: Floats2) -> None:
 
 @compiled(lean=True, inline=True)
 def _take_row(row: Floats1, share: float, other: Floats1) -> None:
-    """Subtract a share of a row from another, shape (k,) each."""
+    """Subtract a multiple of a row from another, shape (k,) each."""
     for r in range(row.size):
         row[r] -= share * other[r]
 
 
 @compiled(lean=True, inline=True)
 def _divide(row: Floats1, divisor: float) -> None:
-    """Divide a row, shape (k,)."""
+    """Divide a row, shape (k,), by a number."""
     for r in range(row.size):
         row[r] /= divisor

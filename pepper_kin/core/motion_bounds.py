@@ -1,15 +1,15 @@
 """Motion bounds: proven bounds on the motion of a body's points, from the tree of joints and their ranges.
 
-Turning joint j by a small angle moves a point by that angle times the point's distance from the joint's axis.
-The *lever* of the joint is the greatest such distance over all points that it carries and all positions of
-the joints between, each within its range; no point of the body then moves by more than sum_j lever_j |dq_j|,
-on any way within the ranges.  The lever of a joint that slides is 1.
+Rotating joint j by a small angle moves a point by that angle times the point's distance from the joint's
+axis. The *motion bound* of the joint is the maximum of this distance over all points that it carries and all
+positions of the joints between, each within its range; no point of the body then moves by more than
+sum_j bound_j |dq_j|, on any path within the ranges.  The motion bound of a prismatic joint is 1.
 
-A point is followed from the joint that carries it towards the root, as a ball that holds it at all positions
-of the passed joints within their ranges.  Turning about an axis by angles within m - h .. m + h takes a point
-at the distance s from the axis along an arc, which lies in the ball of radius s around the foot of the
-perpendicular, for h < pi / 2 in the ball of radius s sin h around the middle of the arc's chord, and in a
-ball around the joint's origin.
+A point is followed from the joint that carries it towards the root, as a sphere that contains it at all
+positions of the passed joints within their ranges.  Rotating about an axis by angles within m - h .. m + h
+moves a point at the distance s from the axis along an arc, which lies in the sphere of radius s around the
+foot of the perpendicular, for h < pi / 2 in the sphere of radius s sin h around the middle of the arc's
+chord, and in a sphere around the joint's origin.
 """
 
 from __future__ import annotations
@@ -22,24 +22,24 @@ import numpy as np
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Flags1, Floats1, Floats2, Floats3, Ints1
 
-_FOOT, _CHORD, _ORIGIN, _NEARER = range(4)  # which ball holds an arc; the last: the one that reaches less far
+_FOOT, _CHORD, _ORIGIN, _NEARER = range(4)  # sphere that bounds an arc; _NEARER: the one that reaches least
 _WAYS = 4
 _ROUNDING = 1.0 + 1e-9
 
 
 class MotionTree(NamedTuple):
-    """Joints, parents before children, and bodies, each within the convex hull of some balls.
+    """Joints, parents before children, and bodies, each within the convex hull of some spheres.
 
     Attributes:
         parents: Parent of each joint, -1 for none, shape (J,).
         rotations: Rotation of each joint's frame in its parent's at zero, shape (J, 3, 3).
         offsets: Origin of each joint's frame in its parent's at zero [m], shape (J, 3).
         axes: Unit axis of each joint in its own frame, shape (J, 3).
-        slides: Whether a joint slides, shape (J,).
-        carriers: The joint that carries each body, -1 for the base, shape (B,).
-        first: Number of the first ball of each body, and the number of balls, shape (B + 1,).
-        centers: The balls, in the frames of the joints that carry them [m], shape (K, 3).
-        radii: Their radii [m], shape (K,).
+        slides: Whether a joint is prismatic, shape (J,).
+        carriers: Joint that carries each body, -1 for the base, shape (B,).
+        first: Offset of each body's spheres, and the total number of spheres, shape (B + 1,).
+        centers: Centers of the spheres, in the frames of the joints that carry them [m], shape (K, 3).
+        radii: Radii of the spheres [m], shape (K,).
     """
 
     parents: Ints1
@@ -55,7 +55,7 @@ class MotionTree(NamedTuple):
 
 @compiled
 def _turn(axis: Floats1, angle: float, v: Floats1, out: Floats1) -> None:
-    """Write a vector turned about a unit axis, all of shape (3,), by Rodrigues' formula."""
+    """Write a vector rotated about a unit axis, all of shape (3,), by Rodrigues' formula."""
     c, s = math.cos(angle), math.sin(angle)
     along = (axis[0] * v[0] + axis[1] * v[1] + axis[2] * v[2]) * (1.0 - c)
     x = c * v[0] + s * (axis[1] * v[2] - axis[2] * v[1]) + along * axis[0]
@@ -80,15 +80,15 @@ def _reach(tree: MotionTree, joint: int, along: float, share: float, aside: Floa
 def _pass_joint(
     tree: MotionTree, joint: int, low: float, high: float, which: int, ball: Floats1, scratch: Floats2
 ) -> None:
-    """Replace a ball in a joint's frame by one in the parent's that holds it at all positions of the joint.
+    """Replace a sphere in a joint's frame by one in the parent's that contains it at all joint positions.
 
     Args:
         tree: Joints and bodies.
-        joint: The joint.
-        low: Least position [rad or m].
-        high: Greatest position.
+        joint: Index of the joint.
+        low: Minimum position [rad or m].
+        high: Maximum position [rad or m].
         which: _FOOT, _CHORD, _ORIGIN or _NEARER.
-        ball: Center and radius, overwritten, shape (4,) [m].
+        ball: Center and radius of the sphere, overwritten, shape (4,) [m].
         scratch: Workspace, shape (2, 3).
     """
     axis, shift, aside = tree.axes[joint], scratch[0], scratch[1]
@@ -127,7 +127,7 @@ def _pass_joint(
 
 @compiled
 def _from_axis(tree: MotionTree, joint: int, ball: Floats1) -> float:
-    """Return the greatest distance of a point of a ball, shape (4,), from a joint's axis [m]."""
+    """Return the maximum distance of a point of a sphere, shape (4,), from a joint's axis [m]."""
     axis = tree.axes[joint]
     along = axis[0] * ball[0] + axis[1] * ball[1] + axis[2] * ball[2]
     square = 0.0
@@ -138,17 +138,17 @@ def _from_axis(tree: MotionTree, joint: int, ball: Floats1) -> float:
 
 @compiled("void(MotionTree, float64[::1], float64[::1], float64[:, ::1])")
 def body_motion_bounds(tree: MotionTree, lower: Floats1, upper: Floats1, motion_bounds: Floats2) -> None:
-    """Write a bound of each joint's lever for each body.
+    """Write the motion bound of each joint for each body.
 
-    The distance from an axis is a convex function, so that it is greatest in one of the balls whose hull
-    holds the body.  Of the ways to follow a ball, the one that bounds a lever best counts.
+    The distance from an axis is a convex function, so that its maximum is in one of the spheres whose hull
+    contains the body.  A sphere is followed in several ways, and the smallest bound of each joint is used.
 
     Args:
         tree: Joints and bodies.
-        lower: Lower ends of the joints' ranges, shape (J,) [rad or m]; may be infinite.
-        upper: Upper ends, shape (J,).
-        motion_bounds: Written, shape (B, J) [m/rad or 1]; 0 where a joint does not move a body, infinite
-            where a joint between slides without limits.
+        lower: Lower limits of the joints, shape (J,) [rad or m]; may be infinite.
+        upper: Upper limits of the joints, shape (J,) [rad or m]; may be infinite.
+        motion_bounds: Output, shape (B, J) [m/rad or 1]; 0 if a joint does not move a body, infinite if a
+            prismatic joint between them has no limits.
     """
     scratch, ball = np.empty((2, 3)), np.empty(4)
     least = np.empty(tree.parents.size)

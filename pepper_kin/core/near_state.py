@@ -1,6 +1,6 @@
-"""Near pairs of bodies at one configuration after another.
+"""Nearby pairs of bodies at one configuration after another.
 
-Distances that machine code does not know (of meshes, clouds and overlapping cores) are asked of a call-back.
+A call-back measures the distances that machine code does not know: of meshes, clouds and overlapping cores.
 """
 
 from __future__ import annotations
@@ -31,23 +31,22 @@ from pepper_kin.kernels.interrupts import call_back
 from pepper_kin.kernels.signatures import Flags1, Flags2, Floats1, Floats2, Ints1
 
 ANSWER = 10
-"""Numbers of an answer: a distance, the nearest points of both, and the unit vector from the second to the
-first, in the world [m]."""
+"""Size of an answer: a distance [m], the nearest points of both shapes [m], and the unit vector from the
+second to the first, in the world."""
 
 STATES, PAIRS = 0, 1
-"""Places in `OtherMeasures.counts`."""
+"""Indices in `OtherMeasures.counts`."""
 
 
 class OtherMeasures(NamedTuple):
-    """A call-back that measures pairs at configurations, and what it reads.
+    """A call-back that measures pairs at configurations, and its input.
 
     Attributes:
-        address: See `kernels.callback.Callback`; it is called with the addresses of configurations of
-            Pinocchio's model, of places among the pairs, and of its answers: for one state after the other
-            those of all pairs, ANSWER numbers each.
-        mail: Of the call-back, shape (3,).
+        address: See `kernels.callback.Callback`; it reads the addresses of configurations of Pinocchio's
+            model, of indices of pairs, and of its answers: ANSWER numbers for each pair, state after state.
+        mail: Addresses for the call-back, shape (3,).
         counts: Numbers of states and pairs, shape (2,).
-        within: Of pairs that are not nearer than this only the distance is asked, shape (1,) [m].
+        within: Distance beyond which only distances are needed, without points, shape (1,) [m].
     """
 
     address: int
@@ -57,22 +56,23 @@ class OtherMeasures(NamedTuple):
 
 
 class NearWorld(NamedTuple):
-    """Bodies and pairs of m that are compared, of a robot with n joints.
+    """Bodies and the m pairs that are compared, of a robot with n joints.
 
     Attributes:
         examined: Whether any pairs are compared; if not, `table` is empty.
         table: The shapes and pairs.
-        memory: For results of all pairs.
-        movers: Which joints move the two of each pair against one another, shape (m, n).
+        memory: Memory for the results of all pairs.
+        movers: Which joints move the bodies of each pair against one another, shape (m, n).
         cores: Length of the straight part of each pair, see `PairTable`, shape (m,) [m].
-        owners: A number for each two things that shapes belong to, shape (m,).
-        to_world: Whether the second of each pair stands in the world, shape (m,).
-        motion_bounds: See `PairTable`, shape (n,).
+        owners: Index of the pair of owners that the two shapes belong to, shape (m,).
+        to_world: Whether the second shape of each pair is fixed in the world, shape (m,).
+        motion_bounds: Motion bound of each joint, see `PairTable`, shape (n,).
         full_map: E of q_full = E q + e, shape (n_full, n).
         full_offset: e, shape (n_full,).
-        others: What machine code does not know.
+        others: Call-back for distances that machine code does not know.
         places: Row in `seen` of each pair whose distance machine code never knows, else -1, shape (m,).
-        seen: The distance of those pairs, inf before it is known, and where it was that, shape (u, 1 + n).
+        seen: Last distance of each pair in `places`, inf while unknown, then its configuration, shape (u, 1 +
+            n).
     """
 
     examined: bool
@@ -94,11 +94,11 @@ class NearState(NamedTuple):
     """Pairs nearer than a distance at a configuration, the nearest first.
 
     Attributes:
-        known: Whether it is complete; if not, the call-back has failed.
+        known: Whether the list is complete; if not, the call-back has failed.
         within: The distance [m].
-        indices: Places among the pairs, shape (k,).
-        distances: Shape (k,) [m].
-        table: Gradients, movers and cores of each; `spare` is the distances.
+        indices: Indices of the pairs, shape (k,).
+        distances: Distances of the pairs, shape (k,) [m].
+        table: Gradients, movers and cores of the pairs; its `spare` has the distances.
     """
 
     known: bool
@@ -110,7 +110,7 @@ class NearState(NamedTuple):
 
 @compiled
 def write_full(world: NearWorld, q: Floats1, full: Floats1) -> None:
-    """Write the coordinates of Pinocchio's model, shape (n_full,), of q, shape (n,)."""
+    """Write the coordinates of Pinocchio's model, shape (n_full,), at q, shape (n,)."""
     for i in range(full.size):
         total = world.full_offset[i]
         for j in range(q.size):
@@ -129,17 +129,14 @@ def moved(q: Floats1, shift: Floats1) -> Floats1:
 
 @compiled
 def _ask(others: OtherMeasures, states: Floats2, pairs: Ints1, within: float, answers: Floats1) -> bool:
-    """Measure some pairs at some configurations.
+    """Measure some pairs at some configurations by the call-back; return whether it succeeded.
 
     Args:
-        others: Who does.
+        others: The call-back.
         states: Configurations of Pinocchio's model, shape (m, n_full) [rad or m].
-        pairs: Places among the pairs, shape (k,).
-        within: Nearest points and normals are only needed of pairs nearer than this [m].
-        answers: Written, shape (m k ANSWER,).
-
-    Returns:
-        Whether it has been done.
+        pairs: Indices of the pairs, shape (k,).
+        within: Nearest points and normals are only needed for pairs nearer than this [m].
+        answers: Output, shape (m k ANSWER,).
     """
     others.counts[STATES], others.counts[PAIRS], others.within[0] = states.shape[0], pairs.size, within
     others.mail[0], others.mail[1] = states.ctypes.data, pairs.ctypes.data
@@ -149,7 +146,7 @@ def _ask(others: OtherMeasures, states: Floats2, pairs: Ints1, within: float, an
 
 @compiled
 def _is_surely_far(world: NearWorld, pair: int, q: Floats1, within: float) -> bool:
-    """Whether a pair is not nearer than a distance [m] at q, shape (n,), as far as it can have moved."""
+    """Return whether motion bounds prove a pair to be farther than a distance [m] at q, shape (n,)."""
     place = world.places[pair]
     if place < 0:
         return False
@@ -166,15 +163,15 @@ def _is_surely_far(world: NearWorld, pair: int, q: Floats1, within: float) -> bo
 def _complete(
     world: NearWorld, q: Floats1, states: Floats2, within: float, found: int, undecided: int
 ) -> int:
-    """Append those of the undecided pairs that are near; return how many pairs that makes, -1 if unknown.
+    """Append the undecided pairs that are near; return the total number, -1 if the call-back failed.
 
     Args:
-        world: The pairs, and in its memory those found.
-        q: The configuration, shape (n,) [rad or m].
-        states: The same of Pinocchio's model, shape (1, n_full).
+        world: The pairs; its memory has the pairs found so far.
+        q: Configuration, shape (n,) [rad or m].
+        states: Configuration of Pinocchio's model, shape (1, n_full).
         within: The distance [m].
-        found: How many are found.
-        undecided: How many are undecided.
+        found: Number of pairs found so far.
+        undecided: Number of undecided pairs.
     """
     near, asked = world.memory, 0
     for k in range(undecided):
@@ -199,7 +196,7 @@ def _complete(
 
 @compiled
 def nearest_first(found: Ints1, distances: Floats1, count: int) -> Ints1:
-    """Return the order of the first `count` by distance, and by number where these are equal."""
+    """Return the order of the first `count` pairs by distance, then by index; arrays: shape (>= count,)."""
     order = np.empty(count, dtype=np.int64)
     for k in range(count):
         place = k
@@ -217,7 +214,7 @@ def nearest_first(found: Ints1, distances: Floats1, count: int) -> Ints1:
 
 @compiled
 def near_at(world: NearWorld, q: Floats1, within: float) -> NearState:
-    """Return the pairs nearer than a distance [m] at q, shape (n,) [rad or m], with the slopes of these."""
+    """Return the pairs nearer than a distance [m] at q, shape (n,) [rad or m], with their gradients."""
     n, states = q.size, np.empty((1, world.full_offset.size))
     write_full(world, q, states[0])
     joints = world.table.joints.shape[0]
@@ -251,7 +248,7 @@ def near_at(world: NearWorld, q: Floats1, within: float) -> NearState:
 
 @compiled
 def _place(world: NearWorld, poses: Floats2, shape: int, pose: Floats1) -> None:
-    """Write the pose of a shape's core in the world, shape (12,), where joints have some poses."""
+    """Write the world pose, shape (12,), of a shape's core, given the joints' poses, shape (njoints, 12)."""
     row = world.table.shapes[shape]
     compose(poses[int(row[CARRIER])], row[PLACE:ROW], pose)
 
@@ -264,14 +261,14 @@ def come_nearer(
 
     Args:
         world: The pairs.
-        q: Where the path begins, shape (n,) [rad or m].
-        shifts: Positions along it, from there on, shape (m, n) [rad or m].
-        chosen: Places of the pairs, shape (k,).
-        least: What each keeps, shape (k,) [m].
-        nearer: Written, shape (k,).
+        q: Start configuration, shape (n,) [rad or m].
+        shifts: Displacements from q along the path, shape (m, n) [rad or m].
+        chosen: Indices of the pairs, shape (k,).
+        least: Distance that each pair has to keep, shape (k,) [m].
+        nearer: Output, shape (k,).
 
     Returns:
-        Whether all are known; if not, the call-back has failed.
+        False if the call-back failed.
     """
     table, count = world.table, chosen.size
     states, joints = np.empty((shifts.shape[0], world.full_offset.size)), table.joints.shape[0]

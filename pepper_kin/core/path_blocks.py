@@ -1,4 +1,4 @@
-"""Banded positive definite systems of blocks, of nodes along a path that are coupled with their neighbors."""
+"""Banded positive definite block systems, for nodes along a path that are coupled with their neighbors."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Ints1
 
 @compiled(lean=True)
 def _places(count: int, closed: bool, place: Ints1) -> None:
-    """Write the order of all nodes but the first: of a closed path from both ends in turn."""
+    """Write the order of all nodes but the first, shape (K,); a closed path from both ends in turn."""
     place[0] = -1
     for k in range(1, count):
         place[k] = k - 1
@@ -22,15 +22,15 @@ def _places(count: int, closed: bool, place: Ints1) -> None:
 def _write_block(
     null: Floats3, own: Floats1, more: Floats2, ends: tuple[int, int], band: Floats2, at: Ints1
 ) -> None:
-    """Add N_a diag(own) N_b^T, and for a node with itself the squares of rows, to the lower band.
+    """Add N_a diag(own) N_b^T, and the squares of additional rows of one node, to the lower band.
 
     Args:
-        null: Bases, shape (K, d, k).
+        null: Bases N, shape (K, d, k).
         own: Diagonal, shape (k,).
-        more: Rows in the basis of a, shape (w, d), none for two nodes.
-        ends: a and b, of which a is not before b in the order.
-        band: Row i has columns i - w to i, shape (M, w + 1).
-        at: Places of a and b.
+        more: Rows in the basis of a, shape (w, d); none for two different nodes.
+        ends: Nodes a and b, a not before b in the order.
+        band: Lower band; row i has columns i - w to i, shape (M, w + 1).
+        at: Indices of a and b in the order, shape (2,).
     """
     a, b = ends
     d, width = null.shape[1], band.shape[1] - 1
@@ -47,7 +47,7 @@ def _write_block(
 
 @compiled(lean=True)
 def factorize_band(band: Floats2) -> bool:
-    """Replace a band, row i of which has columns i - w to i, by that of its Cholesky factor.
+    """Replace a band by its Cholesky factor's; row i has columns i - w to i, shape (M, w + 1).
 
     Returns:
         Whether the matrix is positive definite.
@@ -92,16 +92,16 @@ def solve_path_blocks(
 ) -> bool:
     """Solve for the coordinates of all nodes but the first in their bases.
 
-    The blocks of the matrix are N_k (bend_0k 1 + diag(weight_k)) N_k^T + more_k^T more_k of one node,
-    and bend_dk N_k N_l^T of nodes k and l = k + d, d = 1, 2, modulo their number where the path is closed.
+    The diagonal block of node k is N_k (bend_0k 1 + diag(weight_k)) N_k^T + more_k^T more_k; the block of
+    nodes k and l = k + d, d = 1, 2, is bend_dk N_k N_l^T, with l modulo their number if the path is closed.
 
     Args:
         null: Bases N, shape (K, d, k).
         bend: Couplings, shape (3, K).
-        weight: Shape (K, k), not negative.
-        more: Shape (K, w, d), w may be 0.
+        weight: Weights, nonnegative, shape (K, k).
+        more: Additional rows, shape (K, w, d), w may be 0.
         closed: Whether the path is closed.
-        values: The right-hand side, shape (K, d), of which the first row is not used; receives the solution.
+        values: Right-hand side, of which the first row is not used; output: the solution, shape (K, d).
 
     Returns:
         Whether the matrix is positive definite to rounding.

@@ -1,4 +1,4 @@
-"""Quick tests of the arguments of frequent calls: vectors of one length within range."""
+"""Fast checks of the arguments of frequent calls: vectors of equal length within range."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from pepper_kin.kernels import compiled
 from pepper_kin.kernels.signatures import Floats1
 
 MOST_SQUARED = 1e18
-"""Square of the largest position, velocity, acceleration or torque (`MOST` of `model/joint_vectors.py`)."""
+"""Square of the maximum position, velocity, acceleration or torque (`MOST` of `model/joint_vectors.py`)."""
 
 
 @compiled(inline=True)
 def in_range(n: int, x: Floats1) -> bool:
-    """Whether x has shape (n,) and squares that sum to MOST_SQUARED at most; NaN and infinity do not."""
+    """Return whether x has shape (n,) and a sum of squares of at most MOST_SQUARED; NaN fails."""
     if x.size != n:
         return False
     total = 0.0
@@ -22,17 +22,17 @@ def in_range(n: int, x: Floats1) -> bool:
 
 @compiled("boolean(int64, float64[::1])")
 def is_plain(n: int, a: Floats1) -> bool:
-    """Whether a vector has shape (n,) and is within range."""
+    """Return whether a vector has shape (n,) and is within range."""
     return in_range(n, a)
 
 
 @compiled("boolean(int64, float64[::1], float64[::1])")
 def are_two_plain(n: int, a: Floats1, b: Floats1) -> bool:
-    """Whether two vectors have shape (n,) and are within range each."""
+    """Return whether two vectors have shape (n,) and are within range."""
     return in_range(n, a) and in_range(n, b)
 
 
 @compiled("boolean(int64, float64[::1], float64[::1], float64[::1])")
 def are_three_plain(n: int, a: Floats1, b: Floats1, c: Floats1) -> bool:
-    """Whether three vectors have shape (n,) and are within range each."""
+    """Return whether three vectors have shape (n,) and are within range."""
     return in_range(n, a) and in_range(n, b) and in_range(n, c)

@@ -11,7 +11,7 @@ from pepper_kin.core.linear_algebra import cholesky, dot, solve_lower, solve_low
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Flags1, Floats1, Floats2, Ints1
 
-# A constraint violated by less than this counts as kept [rad/s or m/s]; this part of a normal as zero.
+# Violation up to which a constraint counts as satisfied [rad/s or m/s], and relative size of a zero normal.
 KEPT = 1e-10
 PARALLEL = 1e-12
 
@@ -22,10 +22,10 @@ def solve_program(
     """Return x = argmin x^T H x / 2 + g^T x  subject to  low <= x <= high,  C x >= least.
 
     The dual method of Goldfarb and Idnani (A numerically stable dual method for solving strictly convex
-    quadratic programs, 1983): from the free minimum, the constraint violated most is added next, and those
-    whose multiplier vanishes are dropped.  Its cost grows with the constraints that hold at the end and not
-    with the number of all, and it ends after finitely many steps, also where rows are parallel or hold at one
-    point: interior and augmented Lagrangian methods may take longer there than a control cycle.
+    quadratic programs, 1983): from the unconstrained minimum, the constraint violated most is added next, and
+    constraints whose multiplier vanishes are dropped.  Its cost grows with the number of constraints that are
+    active at the end, not with the total number, and it ends after finitely many steps, also with parallel or
+    degenerate rows: interior and augmented Lagrangian methods may take longer there than a control cycle.
 
     Args:
         hessian: H, symmetric and positive definite, shape (n, n).
@@ -36,7 +36,7 @@ def solve_program(
         least: Lower bounds of C x, shape (k,).
 
     Returns:
-        x, exactly within the box, shape (n,); None where rows and box contradict one another.
+        x, exactly within the box, shape (n,); None if rows and box contradict one another.
     """
     x = np.empty(gradient.size)
     program = QuadraticProgram(
@@ -58,9 +58,10 @@ class QuadraticProgram(NamedTuple):
 
 @compiled("boolean(QuadraticProgram, float64[::1])")
 def solve(program: QuadraticProgram, x: Floats1) -> bool:
-    """Write x of `solve_program`, shape (n,); return whether there is one.
+    """Write x of `solve_program`, shape (n,); return whether a solution exists.
 
-    It is solved in y = L^T x with H = L L^T, where the objective is the distance to the free minimum.
+    The program is solved in y = L^T x with H = L L^T, where the objective is the distance to the
+    unconstrained minimum.
     """
     hessian, gradient, low, high = program.hessian, program.gradient, program.low, program.high
     rows, least = program.rows, program.least
@@ -130,20 +131,20 @@ def _split(
     along: Floats1,
     back: Floats1,
 ) -> None:
-    """Split a normal into a part in the span of the active ones and the rest.
+    """Split a normal into its part in the span of the active normals and the rest.
 
     Args:
         basis: Orthonormal basis of the active normals in its first `count` rows, shape (n, n).
         triangle: The active normals in that basis, one in each column, upper triangular, shape (n, n).
         normal: The normal, shape (n,).
         count: Number of active constraints.
-        ahead: Written: the rest, shape (n,).
-        along: Written: the part in the span, in the basis, in the first `count` of shape (n,).
-        back: Written: the same in multiples of the active normals, in the first `count` of shape (n,).
+        ahead: Output: the rest, shape (n,).
+        along: Output: coordinates in the basis, in the first `count` of shape (n,).
+        back: Output: multiples of the active normals, in the first `count` of shape (n,).
     """
     ahead[:] = normal
     along[:count] = 0.0
-    for _ in range(2):  # once more, for what rounding left
+    for _ in range(2):  # twice, to remove rounding errors
         for j in range(count):
             part = dot(basis[j], ahead)
             along[j] += part
@@ -159,17 +160,17 @@ def _split(
 def _most_broken(
     x: Floats1, low: Floats1, high: Floats1, rows: Floats2, least: Floats1, norms: Floats1, held: Flags1
 ) -> tuple[int, float]:
-    """Return the constraint violated most, relative to its length, and by how much; -1 where none is.
+    """Return the constraint violated most, relative to its norm, and its violation; -1 if none is violated.
 
     Lower bounds come first, then upper bounds, then rows.
 
     Args:
-        x: Shape (n,).
+        x: Present solution, shape (n,).
         low: Lower bounds, shape (n,).
         high: Upper bounds, shape (n,).
         rows: C, shape (k, n).
         least: Lower bounds of C x, shape (k,).
-        norms: Lengths of the rows of C, shape (k,).
+        norms: Norms of the rows of C, shape (k,).
         held: Which constraints are active, shape (2 n + k,).
     """
     n, worst, chosen, broken = x.size, KEPT, -1, 0.0
@@ -190,10 +191,10 @@ def _normal(chosen: int, rows: Floats2, factor: Floats2, normal: Floats1) -> Non
     """Write a constraint's normal in the coordinates y, L^-1 c.
 
     Args:
-        chosen: Number of the constraint, see `_most_broken`.
+        chosen: Index of the constraint, see `_most_broken`.
         rows: C, shape (k, n).
         factor: L, shape (n, n).
-        normal: Written, shape (n,).
+        normal: Output, shape (n,).
     """
     n = normal.size
     if chosen >= 2 * n:
@@ -208,14 +209,14 @@ def _normal(chosen: int, rows: Floats2, factor: Floats2, normal: Floats1) -> Non
 def _drop(
     basis: Floats2, triangle: Floats2, multipliers: Floats1, active: Ints1, leaving: int, count: int
 ) -> None:
-    """Take one constraint out of the active ones and make the rest triangular again by rotations.
+    """Remove one active constraint and make the rest triangular again by rotations.
 
     Args:
-        basis: Changed, see `_split`, shape (n, n).
-        triangle: Changed, see `_split`, shape (n, n).
-        multipliers: Of the active constraints, changed, shape (n + 1,).
-        active: Their numbers, changed, shape (n + 1,).
-        leaving: Place of the one that leaves.
+        basis: Orthonormal basis, see `_split`, changed, shape (n, n).
+        triangle: Triangular factor, see `_split`, changed, shape (n, n).
+        multipliers: Multipliers of the active constraints, changed, shape (n + 1,).
+        active: Indices of the active constraints, changed, shape (n + 1,).
+        leaving: Index, among the active constraints, of the one to remove.
         count: Number of active constraints before.
     """
     for j in range(leaving, count - 1):

@@ -1,7 +1,7 @@
-"""Random numbers of a key and a place.
+"""Counter-based random numbers, a function of a key and an index.
 
 Source: G. L. Steele, D. Lea and C. H. Flood, Fast splittable pseudorandom number generators, OOPSLA 2014
-(SplitMix64), whose state is a counter: any number of a stream can be had without those before it.
+(SplitMix64), whose state is a counter: any number of a stream is computed without the ones before it.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ FIRST = np.uint64(0xBF58476D1CE4E5B9)
 SECOND = np.uint64(0x94D049BB133111EB)
 
 if INTERPRETED:
-    np.seterr(over="ignore")  # numbers of 64 bits wrap around, as they do in machine code
+    np.seterr(over="ignore")  # integers of 64 bits wrap around, as in machine code
 
 
 @compiled("uint64(uint64)", lean=True)
 def mixed(z: np.uint64) -> np.uint64:
-    """Spread every bit of a number over all 64 bits of another."""
+    """Return a hash of 64 bits in which every input bit affects all bits."""
     z = (z ^ (z >> np.uint64(30))) * FIRST
     z = (z ^ (z >> np.uint64(27))) * SECOND
     return z ^ (z >> np.uint64(31))

@@ -1,7 +1,7 @@
 """Ray casting: the nearest solid along each of many rays, by trees of boxes over solids and their parts.
 
 Each function of a convex solid takes a point o of a line and its unit direction d in the solid's own frame
-and returns the interval of t for which o + t d lies in the solid; an empty one is (inf, -inf).
+and returns the interval of t for which o + t d lies in the solid; an empty interval is (inf, -inf).
 """
 
 from __future__ import annotations
@@ -19,24 +19,24 @@ Interval: TypeAlias = tuple[float, float]
 
 SPHERE, BOX, CYLINDER, CAPSULE, HALF_SPACE, TRIANGLES, BALLS = range(7)
 DEPTH = 128
-"""No tree is deeper: size of a traversal's stack."""
-_MEDIAN_BELOW = 48  # beyond this depth halves are equal in number, so that at most 64 levels follow
+"""Maximum depth of a tree, which is the size of a traversal's stack."""
+_MEDIAN_BELOW = 48  # depth beyond which nodes are split at the median, so that at most 64 levels follow
 _BINS = 12
-_HAIR = 1e-12  # [m], and of the coordinates
+_HAIR = 1e-12  # margin of boxes, [m] and relative to the coordinates
 _PARALLEL = 1e-14
 
 
 class Solids(NamedTuple):
-    """Solids laid out for compiled code.
+    """Solids in tables for compiled code.
 
     Attributes:
         kind: SPHERE ... BALLS, shape (m,).
         size: Radius and half length, half lengths, offset, or padding, shape (m, 3) [m].
-        start: Of triangles and balls, the place of the root in `node_box` and of the first in `parts`,
-            shape (m, 2).
+        start: For triangles and spheres of a cloud, the index of the root in `node_box` and of the first part
+            in `parts`, shape (m, 2).
         node_box: Nodes of the trees of all meshes and clouds, shape (k, 6).
-        node_link: See `build_tree`, shape (k, 2); places count from the solid's own first.
-        parts: A corner and two sides of each triangle, or the center of each ball and zeros, shape (p, 9).
+        node_link: Links of the nodes, see `build_tree`, relative to the solid's first, shape (k, 2).
+        parts: A corner and two sides of each triangle, or the center of each sphere and zeros, shape (p, 9).
     """
 
     kind: Ints1
@@ -48,15 +48,15 @@ class Solids(NamedTuple):
 
 
 class Placed(NamedTuple):
-    """Where the solids are.
+    """Poses of the solids, and the tree over them.
 
     Attributes:
         pose: transform_solid_to_world, shape (m, 4, 4).
         top_box: Tree of the boxes around the b bounded solids, in the world, shape (2 b - 1, 6); see
             `place_solids`.
-        top_link: Its links, shape (2 b - 1, 2).
-        top_order: The solids in its order, shape (b,).
-        endless: The half-spaces, shape (h,).
+        top_link: Links of the tree, shape (2 b - 1, 2).
+        top_order: Indices of the solids in the tree's order, shape (b,).
+        endless: Indices of the half-spaces, shape (h,).
     """
 
     pose: Floats3
@@ -67,7 +67,7 @@ class Placed(NamedTuple):
 
 
 def unplaced(count: int, bounded: Ints1, endless: Ints1) -> Placed:
-    """Return arrays for poses of solids: places of bounded ones, shape (b,), and half-spaces, shape (h,)."""
+    """Return arrays for poses of solids; indices of bounded ones, shape (b,), half-spaces, shape (h,)."""
     nodes = max(2 * len(bounded) - 1, 0)
     return Placed(
         np.empty((count, 4, 4)), np.empty((nodes, 6)), np.zeros((nodes, 2), np.int64), bounded.copy(), endless
@@ -78,9 +78,9 @@ class Hits(NamedTuple):
     """The first hit of each of n rays.
 
     Attributes:
-        distance: [m], inf without a hit, shape (n,).
-        solid: -1 without a hit, shape (n,).
-        part: Triangle or ball of the solid, shape (n,).
+        distance: Distance [m], inf without a hit, shape (n,).
+        solid: Index of the solid, -1 without a hit, shape (n,).
+        part: Index of the solid's triangle or sphere, shape (n,).
     """
 
     distance: Floats1
@@ -95,12 +95,12 @@ def nearest_hits(
     """Find the first surface along each ray.
 
     Args:
-        origins: Where the rays start, shape (n, 3) [m].
+        origins: Start points of the rays, shape (n, 3) [m].
         directions: Unit vectors, shape (n, 3).
-        most: Nothing beyond this distance counts, shape (n,) [m].
+        most: Maximum distance of each ray, shape (n,) [m].
         solids: The solids.
-        placed: Their poses.
-        hits: Written.
+        placed: Poses of the solids.
+        hits: Output.
     """
     distance, solid, part = hits
     for ray in range(len(distance)):
@@ -143,7 +143,7 @@ def nearest_hits(
 
 @compiled
 def _local(pose: Floats2, o: Vector, d: Vector) -> tuple[Vector, Vector]:
-    """Return a ray of the world in the coordinates of a solid with a pose of shape (4, 4)."""
+    """Return a ray of the world in the frame of a solid whose pose has shape (4, 4)."""
     x, y, z = o[0] - pose[0, 3], o[1] - pose[1, 3], o[2] - pose[2, 3]
     turned_o = (
         pose[0, 0] * x + pose[1, 0] * y + pose[2, 0] * z,
@@ -160,7 +160,7 @@ def _local(pose: Floats2, o: Vector, d: Vector) -> tuple[Vector, Vector]:
 
 @compiled
 def _inverse(d: Vector) -> Vector:
-    """Return 1 / d; a zero becomes so small that its product with a length is huge and never NaN."""
+    """Return 1 / d; zeros are replaced by a tiny number, so that no product with a length is NaN."""
     tiny = 1e-300
     return (
         1.0 / (d[0] if abs(d[0]) > tiny else tiny),
@@ -171,7 +171,7 @@ def _inverse(d: Vector) -> Vector:
 
 @compiled
 def _enters(box: Floats1, o: Vector, inverse: Vector, best: float) -> float:
-    """Return where a ray enters a box, shape (6,) [m] (0 from inside), or inf if not before `best`."""
+    """Return the distance to a box, shape (6,) [m], 0 from inside; inf if the ray enters after `best`."""
     enter, leave = 0.0, best
     a, b = (box[0] - o[0]) * inverse[0], (box[3] - o[0]) * inverse[0]
     enter, leave = max(enter, min(a, b)), min(leave, max(a, b))
@@ -187,7 +187,7 @@ def _enters(box: Floats1, o: Vector, inverse: Vector, best: float) -> float:
 def _push(
     boxes: Floats2, child: int, root: int, o: Vector, inverse: Vector, best: float, stack: Ints1, height: int
 ) -> int:
-    """Put both children of a node, boxes of shape (k, 6), on a stack, nearer on top; return its height."""
+    """Push both children of a node, boxes of shape (k, 6), on a stack, nearer on top; return its height."""
     left = _enters(boxes[root + child], o, inverse, best)
     right = _enters(boxes[root + child + 1], o, inverse, best)
     near, far, near_child, far_child = left, right, child, child + 1
@@ -204,7 +204,7 @@ def _push(
 
 @compiled
 def _hit(solids: Solids, item: int, o: Vector, d: Vector, best: float, stack: Ints1) -> tuple[float, int]:
-    """Return the distance to a solid, inf if not before `best`, and its part; stack of shape (DEPTH,)."""
+    """Return the distance to a solid, inf if beyond `best`, and its part; stack of shape (DEPTH,)."""
     kind = solids.kind[item]
     a, b, c = solids.size[item, 0], solids.size[item, 1], solids.size[item, 2]
     if kind == SPHERE:
@@ -237,7 +237,7 @@ def _hit(solids: Solids, item: int, o: Vector, d: Vector, best: float, stack: In
 
 @compiled
 def _part(numbers: Floats1, kind: int, padding: float, o: Vector, d: Vector) -> float:
-    """Return the distance to a triangle or ball, numbers of shape (9,), or inf [m]."""
+    """Return the distance to a triangle or sphere, numbers of shape (9,), or inf without a hit [m]."""
     corner = (numbers[0], numbers[1], numbers[2])
     if kind == BALLS:
         return first_of(sphere(o, d, corner, padding))
@@ -251,9 +251,9 @@ def _part(numbers: Floats1, kind: int, padding: float, o: Vector, d: Vector) -> 
 def normals_at(
     origins: Floats2, directions: Floats2, hits: Hits, solids: Solids, pose: Floats3, result: Floats2
 ) -> None:
-    """Write the unit normals where rays hit, against the ray, in the world, shape (n, 3), nothing elsewhere.
+    """Write the unit normals at the hits, against the ray, in the world, shape (n, 3); rays without are kept.
 
-    Rays and hits are those of `nearest_hits`, `pose` is that of `Placed`, shape (m, 4, 4).
+    Rays and hits are those of `nearest_hits`; `pose` is `Placed.pose`, shape (m, 4, 4).
     """
     distance, solid, part = hits
     for ray in range(origins.shape[0]):
@@ -275,7 +275,7 @@ def normals_at(
 
 @compiled
 def _normal(solids: Solids, item: int, part: int, p: Vector) -> Vector:
-    """Return a normal of any length at a point of a solid's surface, in its coordinates."""
+    """Return a normal, not normalized, at a point of a solid's surface, in the solid's frame."""
     kind = solids.kind[item]
     a, b, c = solids.size[item, 0], solids.size[item, 1], solids.size[item, 2]
     if kind == SPHERE:
@@ -303,13 +303,13 @@ def _normal(solids: Solids, item: int, part: int, p: Vector) -> Vector:
 
 
 class BoxTree(NamedTuple):
-    """A binary tree of boxes over m things, with at most 2 m - 1 nodes.
+    """A binary tree of boxes over m items, with at most 2 m - 1 nodes.
 
     Attributes:
         box: Boxes of the nodes, shape (k, 6).
-        link: The first child (the second is next to it) and 0, or in a leaf the first place in the order
-            and the number of things, shape (k, 2).
-        order: The things, shape (m,).
+        link: First child (the second follows it) and 0, or for a leaf the offset in `order` and the number of
+            items, shape (k, 2).
+        order: Indices of the items, shape (m,).
     """
 
     box: Floats2
@@ -329,14 +329,14 @@ def box_tree(boxes: Floats2, leaf: int) -> BoxTree:
 
 @compiled("int64(float64[:, ::1], int64, BoxTree)")
 def build_tree(boxes: Floats2, leaf: int, tree: BoxTree) -> int:
-    """Write a binary tree of boxes, split where the surface area heuristic is least.
+    """Write a binary tree of boxes, split by the surface area heuristic; return the number of nodes.
 
     Wald, On fast construction of SAH-based bounding volume hierarchies (2007): bins along the longest axis.
 
     Args:
-        boxes: Least corner, then greatest corner of each thing, shape (m, 6) [m], m > 0.
-        leaf: Things in a leaf at most.
-        tree: Written, with 2 m - 1 rows.
+        boxes: Minimum corner, then maximum corner of each item, shape (m, 6) [m], m > 0.
+        leaf: Maximum number of items in a leaf.
+        tree: Output, with 2 m - 1 rows.
 
     Returns:
         Number of nodes.
@@ -369,13 +369,13 @@ def build_tree(boxes: Floats2, leaf: int, tree: BoxTree) -> int:
 
 @compiled("void(float64[:, ::1], int64[::1], int64, Placed)")
 def place_solids(bounds: Floats2, bounded: Ints1, leaf: int, placed: Placed) -> None:
-    """Write the tree of boxes around the solids where they are.
+    """Write the tree of boxes around the placed solids.
 
     Args:
-        bounds: Box around each solid in its own frame, least corner, then greatest, shape (m, 6) [m].
-        bounded: Solids with finite boxes, shape (b,).
-        leaf: Solids in a leaf at most.
-        placed: With the poses; the tree is written.
+        bounds: Box around each solid in its own frame, minimum corner, then maximum, shape (m, 6) [m].
+        bounded: Indices of the solids with finite boxes, shape (b,).
+        leaf: Maximum number of solids in a leaf.
+        placed: Poses of the solids; its tree is output.
     """
     count = bounded.shape[0]
     if count == 0:
@@ -397,7 +397,7 @@ def place_solids(bounds: Floats2, bounded: Ints1, leaf: int, placed: Placed) -> 
 
 @compiled
 def _enclose(boxes: Floats2, order: Ints1, first: int, number: int, out: Floats1) -> None:
-    """Write the box, shape (6,), around some of shape (m, 6), a little wider: rays along a face enter it."""
+    """Write the box, shape (6,), around some boxes, shape (m, 6), with a margin for rays along a face."""
     for axis in range(3):
         out[axis], out[axis + 3] = np.inf, -np.inf
     for place in range(first, first + number):
@@ -412,7 +412,7 @@ def _enclose(boxes: Floats2, order: Ints1, first: int, number: int, out: Floats1
 
 @compiled
 def _split(boxes: Floats2, order: Ints1, first: int, number: int) -> int:
-    """Reorder places of boxes, shape (m,) and (m, 6), into two halves; return where the second begins."""
+    """Reorder indices, shape (m,), of boxes, shape (m, 6), into two parts; return the second's offset."""
     axis, low, high = 0, 0.0, -1.0
     for candidate in range(3):
         least, greatest = np.inf, -np.inf
@@ -433,7 +433,7 @@ def _split(boxes: Floats2, order: Ints1, first: int, number: int) -> int:
         else:
             order[left], order[right] = order[right], order[left]
             right -= 1
-    if left in (first, first + number):  # rounding: all fell into one bin
+    if left in (first, first + number):  # rounding: all are in one bin
         return int(first + number // 2)
     return int(left)
 
@@ -442,7 +442,7 @@ def _split(boxes: Floats2, order: Ints1, first: int, number: int) -> int:
 def _best_border(
     boxes: Floats2, order: Ints1, first: int, number: int, axis: int, low: float, scale: float
 ) -> int:
-    """Return the bin before which to cut boxes, shape (m, 6): least sum of surface times number."""
+    """Return the bin at which to split boxes, shape (m, 6): minimum sum of surface times number."""
     inside = np.zeros(_BINS, dtype=np.int64)
     bins = np.empty((_BINS, 6))
     for b in range(_BINS):
@@ -482,7 +482,7 @@ def _join(box: Floats1, other: Floats1) -> None:
 
 @compiled
 def _surface(box: Floats1) -> float:
-    """Return half the surface of a box, shape (6,) [m^2]."""
+    """Return half the surface area of a box, shape (6,) [m^2]."""
     x, y, z = box[3] - box[0], box[4] - box[1], box[5] - box[2]
     return float(x * y + y * z + z * x)
 
@@ -538,7 +538,7 @@ def between(o: float, d: float, low: float, high: float) -> Interval:
 
 @compiled
 def sphere(o: Vector, d: Vector, center: Vector, radius: float) -> Interval:
-    """Return the interval in a ball."""
+    """Return the interval inside a sphere."""
     o = minus(o, center)
     nearest = -dot(o, d)
     off = along(o, d, nearest)
@@ -551,7 +551,7 @@ def sphere(o: Vector, d: Vector, center: Vector, radius: float) -> Interval:
 
 @compiled
 def box(o: Vector, d: Vector, half: Vector) -> Interval:
-    """Return the interval in a box with these half lengths."""
+    """Return the interval inside a box of given half lengths."""
     enter, leave = between(o[0], d[0], -half[0], half[0])
     low, high = between(o[1], d[1], -half[1], half[1])
     enter, leave = max(enter, low), min(leave, high)
@@ -562,7 +562,7 @@ def box(o: Vector, d: Vector, half: Vector) -> Interval:
 
 @compiled
 def tube(o: Vector, d: Vector, radius: float) -> Interval:
-    """Return the interval in an endless cylinder about the z axis."""
+    """Return the interval inside an infinite cylinder about the z axis."""
     square = d[0] * d[0] + d[1] * d[1]
     if square < _PARALLEL:
         inside = o[0] * o[0] + o[1] * o[1] <= radius * radius
@@ -578,7 +578,7 @@ def tube(o: Vector, d: Vector, radius: float) -> Interval:
 
 @compiled
 def cylinder(o: Vector, d: Vector, radius: float, half: float) -> Interval:
-    """Return the interval in a cylinder along z with this half length."""
+    """Return the interval inside a cylinder along z of given half length."""
     enter, leave = tube(o, d, radius)
     low, high = between(o[2], d[2], -half, half)
     enter, leave = max(enter, low), min(leave, high)
@@ -587,9 +587,9 @@ def cylinder(o: Vector, d: Vector, radius: float, half: float) -> Interval:
 
 @compiled
 def capsule(o: Vector, d: Vector, radius: float, half: float) -> Interval:
-    """Return the interval in a capsule along z, `half` half the length of its straight part.
+    """Return the interval inside a capsule along z; `half` is half the length of its straight part.
 
-    The parts are convex and so is their union: it lasts from the first entry to the last exit.
+    The parts are convex and so is their union: the interval is from the first entry to the last exit.
     """
     enter, leave = cylinder(o, d, radius, half)
     for end in (-half, half):
@@ -611,8 +611,8 @@ def half_space(o: Vector, d: Vector, offset: float) -> float:
 def triangle(o: Vector, d: Vector, a: Vector, e: Vector, f: Vector) -> float:
     """Return the t >= 0 at which a triangle with corners a, a + e and a + f is crossed, or inf.
 
-    Moeller and Trumbore, Fast, minimum storage ray/triangle intersection (1997).  Seams between neighbors
-    are closed by a tolerance of 1e-9 of the sides.
+    Moeller and Trumbore, Fast, minimum storage ray/triangle intersection (1997).  A relative tolerance of
+    1e-9 closes the seams between adjacent triangles.
     """
     p = cross(d, f)
     volume = dot(e, p)
@@ -632,9 +632,9 @@ def triangle(o: Vector, d: Vector, a: Vector, e: Vector, f: Vector) -> float:
 
 @compiled
 def rounded_triangle(o: Vector, d: Vector, a: Vector, e: Vector, f: Vector, radius: float) -> Interval:
-    """Return the interval in all points within `radius` of a triangle with corners a, a + e and a + f.
+    """Return the interval inside the set of points within `radius` of the triangle a, a + e, a + f.
 
-    A prism and a capsule along each side, joined as in `capsule`.
+    The set is a prism and a capsule along each side, joined as in `capsule`.
     """
     normal = cross(e, f)
     length = math.sqrt(dot(normal, normal))
@@ -656,7 +656,7 @@ def rounded_triangle(o: Vector, d: Vector, a: Vector, e: Vector, f: Vector, radi
 
 @compiled
 def _rod(o: Vector, d: Vector, side: Vector, radius: float) -> Interval:
-    """Return the interval in a capsule from the origin to `side`."""
+    """Return the interval inside a capsule from the origin to `side`."""
     length = math.sqrt(dot(side, side))
     axis = (side[0] / length, side[1] / length, side[2] / length)
     helper = (1.0, 0.0, 0.0) if abs(axis[0]) < 0.9 else (0.0, 1.0, 0.0)
@@ -672,7 +672,7 @@ def _rod(o: Vector, d: Vector, side: Vector, radius: float) -> Interval:
 
 @compiled
 def nearest_of_triangle(p: Vector, a: Vector, e: Vector, f: Vector) -> Vector:
-    """Return the point of a triangle with corners a, a + e and a + f that is nearest to p."""
+    """Return the point nearest to p of a triangle with corners a, a + e and a + f."""
     normal = cross(e, f)
     s = minus(p, a)
     area = dot(normal, normal)

@@ -1,12 +1,13 @@
-"""One tick of a servo: from demands to the best velocity that every limit allows.
+"""One tick of a servo: the best joint velocity for all demands that every limit allows.
 
     min over v' of  sum_i w_i^2 |J_i v' - rate_i|^2 + lambda^2 |D v'|^2 + eps^2 |v' - k (q_rest - q)|^2
-    subject to      velocity bounds (always kept), clearance rows (kept unless even braking or balance
-                    breaks them), balance rows (kept as far as bounds allow)
+    subject to      velocity bounds (always satisfied), clearance rows (unless even braking or balance
+                    violates them), balance rows (as far as bounds allow)
 
-A velocity is taken if the hardest brake after it stays clear.  With balance, the hardest brake would tip the
-robot: then a brake of so small a share of it that balance is kept has to stay clear too, and where nothing is
-known to stop clear, the robot brakes as hard as balance allows if that is known to be clear.
+A velocity is accepted if braking from it at the maximum deceleration is collision-free.  With balance
+constraints, the maximum deceleration would tip the robot: then braking at a reduced deceleration that keeps
+the balance must be collision-free, too, and if no velocity is known to stop without collision, the robot
+brakes as hard as the balance constraints allow if that is known to be collision-free.
 """
 
 from __future__ import annotations
@@ -37,46 +38,48 @@ from pepper_kin.kernels.signatures import Flags1, Floats1, Floats2, Ints1
 
 REST_WEIGHT = 5e-3
 REST_GAIN = 0.5
-"""Weight and gain [1/s] of the pull towards the rest posture: seen only where the demands leave freedom."""
+"""Weight and gain [1/s] of the pull towards the rest posture, noticeable only where the demands leave
+freedom."""
 
 BRAKE_SHARE = 0.7
 LEAST_BRAKE = 0.1
-"""Share that balance leaves of the hardest brake which is counted on, and the least that is."""
+"""Ratio of the deceleration allowed by the balance constraints that is assumed to be usable, and minimum
+ratio to the maximum deceleration."""
 
 ATTEMPTS = 3
-"""Times that joints which could not stop clear are made to brake, before all of them are."""
+"""Maximum number of attempts in which the colliding joints are made to brake, before all joints are."""
 
 HARD = 0.5
-"""Share of the clearance that braking may use up."""
+"""Ratio of the clearance that pairs keep while braking."""
 
 PARTING = 10.0
-"""Weight of the separation of pairs nearer than the clearance, over the tasks."""
+"""Weight, relative to the tasks, of separating pairs nearer than the clearance."""
 
 NOTICEABLE = 1e-6
 TINY = 1e-7
-"""An excess over a row smaller than the first is rounding, and one over a bound smaller than the second."""
+"""Tolerance of an active or violated constraint row, and of an active bound [rad/s or m/s]."""
 
 FREE, BRAKING, STOPPING, FAILED = 0, 1, 2, 3
-"""Outcomes: a velocity, one for which some joints brake, all of them braking, a call-back that
-has failed."""
+"""Outcomes: a velocity; a velocity for which some joints brake; all joints brake; a call-back failed."""
 
 SOLVER, ALL, BALANCE, KINDS = 0, 1, 2, 3
-"""Numbers of names: the solver, clearance, balance, then the bounds of all joints of one kind after another
-(acceleration, velocity, position), the curves of ranges, and the pairs."""
+"""Ids of limiting constraints: solver, all clearance, balance, then the number of these ids.  From KINDS on
+follow the bounds of all joints of one kind after another (acceleration, velocity, position), the curves of
+joint ranges, and the pairs."""
 
 SIZE, WEIGHT, IS_TASK, IS_CURVED, HEAD = 0, 1, 2, 3, 4
-"""Columns of a demand: its rows, its weight, whether `wanted` is a residual (1) or a rate (0), and whether
-its Jacobian changes as joints move; and their number."""
+"""Columns of a demand: its number of rows, its weight, whether `wanted` is a residual (1) or a rate (0), and
+whether its Jacobian changes as joints move; and the number of columns."""
 
 
 class Demands(NamedTuple):
-    """What is wanted of the next velocity, one demand after the other, m rows in all.
+    """Demands on the next velocity, one after the other, m rows in all.
 
     Attributes:
-        heads: See SIZE, ..., shape (k, HEAD).
+        heads: Columns SIZE, ... of each demand, shape (k, HEAD).
         jacobian: J, shape (m, n).
         wanted: Residuals [m or rad] and rates [m/s or rad/s], shape (m,).
-        drift: How fast moving targets change the residuals by themselves [m/s or rad/s], shape (m,).
+        drift: Rates of the residuals due to moving targets [m/s or rad/s], shape (m,).
     """
 
     heads: Floats2
@@ -86,18 +89,18 @@ class Demands(NamedTuple):
 
 
 class ServoTable(NamedTuple):
-    """A robot under a servo.
+    """Constants of a robot under a servo.
 
     Attributes:
-        limits: Of the joints.
-        scale: The diagonal of D, greater for joints that carry more, shape (n,).
+        limits: Limits of the joints.
+        scale: Diagonal of D, greater for joints that carry more, shape (n,).
         rest: q_rest [rad or m], shape (n,).
-        ranges: Joint ranges that stand for pairs of neighbors.
+        ranges: Joint ranges that stand for pairs of adjacent bodies.
         dt: Length of a tick [s].
-        gain: Greatest share of an error that is removed per second [1/s].
-        singularity: Slope [m/rad] under which motion slows down.
+        gain: Maximum ratio of an error that is removed per second [1/s].
+        singularity: Singular value [m/rad] below which motion slows down.
         clearance: Distance that pairs keep [m].
-        approach: Share of the free distance that may be used up per second [1/s].
+        approach: Maximum ratio of the free distance that is used up per second [1/s].
     """
 
     limits: JointLimits
@@ -112,14 +115,14 @@ class ServoTable(NamedTuple):
 
 
 class TickResult(NamedTuple):
-    """What `decide` writes.
+    """Output of `decide`.
 
     Attributes:
-        v: The next velocity [rad/s or m/s], shape (n,).
-        shares: Share of each demand's speed that singularities leave, shape (k,).
-        nearest: The smallest distances before the tick, to itself and to obstacles [m], inf where nothing is
-            near, shape (2,).
-        names: Numbers of what v touches, then of what it breaks, see SOLVER, ....
+        v: Next velocity [rad/s or m/s], shape (n,).
+        shares: Factor by which singularities reduce each demand's speed, shape (k,).
+        nearest: Minimum distances before the tick, to itself and to obstacles [m], inf if nothing is near,
+            shape (2,).
+        names: Ids of the constraints active at v, then of those that v violates, see SOLVER, ....
     """
 
     v: Floats1
@@ -129,7 +132,7 @@ class TickResult(NamedTuple):
 
 
 class _Rows(NamedTuple):
-    """matrix @ v' >= least - slack: the dampers, from `balance` on those of balance; names by number."""
+    """Rows matrix @ v' >= least - slack: clearance rows, from `balance` on balance rows; ids in `names`."""
 
     matrix: Floats2
     least: Floats1
@@ -139,7 +142,7 @@ class _Rows(NamedTuple):
 
 
 class _Moment(NamedTuple):
-    """What a tick knows before it decides: rows, near pairs, and the acceleration of the brake counted on."""
+    """State of a tick before the decision: rows, nearby pairs, and the deceleration assumed to be usable."""
 
     rows: _Rows
     near: NearState
@@ -148,7 +151,7 @@ class _Moment(NamedTuple):
 
 @compiled
 def _bound(row: Floats1, bounds: VelocityInterval, sign: float) -> float:
-    """Return the greatest (sign 1) or the least (-1) value of a row within bounds."""
+    """Return the maximum (sign 1) or minimum (sign -1) of a row, shape (n,), times v within bounds."""
     total = 0.0
     for i in range(row.size):
         a, b = row[i] * bounds.low[i], row[i] * bounds.high[i]
@@ -158,7 +161,7 @@ def _bound(row: Floats1, bounds: VelocityInterval, sign: float) -> float:
 
 @compiled
 def _share_kept(matrix: Floats2, least: Floats1, start: Floats1, end: Floats1) -> float:
-    """Return how far v may go from one velocity to another before it breaks a row, 0 to 1."""
+    """Return the fraction of the way from one velocity to another at which a row is violated, at most 1."""
     share = 1.0
     for k in range(least.size):
         slack = dot(matrix[k], start) - least[k]
@@ -170,7 +173,7 @@ def _share_kept(matrix: Floats2, least: Floats1, start: Floats1, end: Floats1) -
 
 @compiled
 def _look(table: ServoTable, world: NearWorld, q: Floats1, bounds: VelocityInterval, a: Floats1) -> NearState:
-    """Return the pairs that matter at q for any velocity within bounds and a brake at a, shape (n,)."""
+    """Return the pairs that matter at q for any velocity within bounds and braking at a, shape (n,)."""
     fastest = np.empty(q.size)
     for i in range(q.size):
         fastest[i] = max(abs(bounds.low[i]), abs(bounds.high[i]))
@@ -182,7 +185,7 @@ def _look(table: ServoTable, world: NearWorld, q: Floats1, bounds: VelocityInter
 
 @compiled
 def _nobody(n: int) -> NearState:
-    """Return a state of no pairs."""
+    """Return a state without pairs for n joints."""
     table = PairTable(
         np.empty((0, n)), np.empty((0, n), dtype=np.bool_), np.empty(0), np.empty(n), np.empty(0)
     )
@@ -193,14 +196,14 @@ def _nobody(n: int) -> NearState:
 def _all_rows(
     table: ServoTable, world: NearWorld, q: Floats1, moment: tuple[NearState, Floats1, float], balance: _Rows
 ) -> _Rows:
-    """Return the dampers at q, shape (n,), and the rows of balance.
+    """Return the clearance rows at q, shape (n,), followed by the balance rows.
 
     Args:
         table: The robot.
         world: The pairs.
         q: Joint positions [rad or m], shape (n,).
-        moment: The near pairs, where the hardest brake would end, shape (n,), and caution.
-        balance: The rows of balance.
+        moment: Nearby pairs, configuration at the end of braking, shape (n,), and caution.
+        balance: The balance rows.
     """
     near, stop, caution = moment
     n, gain, pairs = q.size, table.approach * caution, near.distances.size
@@ -227,25 +230,25 @@ def _all_rows(
 def _write_demands(
     table: ServoTable, v: Floats1, demands: Demands, rows: tuple[Floats2, Floats1], shares: Floats1
 ) -> float:
-    """Write weighted rows of demands and the shares that singularities leave; return the sum of dampings.
+    """Write the weighted rows of the demands and their singularity factors; return the added damping.
 
-    A task asks for dr/dt = -s r.  With dq the damped Gauss-Newton step to the target, every joint covers its
-    part of it at the speed s |dq_i|.  s is the greatest rate up to the gain at which no joint exceeds its
+    A task requires dr/dt = -s r.  With dq the damped Gauss-Newton step to the target, every joint covers its
+    part of it at the speed s |dq_i|.  s is the maximum rate up to the gain at which no joint exceeds its
     velocity limit or the speed from which it can stop within |dq_i|; singularities lower it further, see
     `approach_rate`.
 
-    Damping keeps a robot from trembling that is pulled in vain.  Where a direction is lost, at a stretched
-    arm or at an obstacle, its slope is about R x, with x how far a joint is from there and R a lever arm.
-    Pulled at a speed p without yielding, the joint obeys dx/dt = -R p x / lambda^2, which in steps of dt
-    swings unless lambda^2 > R p dt / 2.  This is 2 p dt, for an R of a meter, with p the part of the wanted
-    rate that the last velocity failed to deliver.
+    Damping keeps a robot that is pulled without success from trembling.  Where a direction is lost, at a
+    stretched arm or at an obstacle, its Jacobian is about R x, with x the joint's distance from there and R a
+    lever arm.  Pulled at a speed p without yielding, the joint obeys dx/dt = -R p x / lambda^2, which in
+    steps of dt oscillates unless lambda^2 > R p dt / 2.  lambda^2 is 2 p dt, for an R of one meter, with p
+    the part of the required rate that the last velocity failed to deliver.
 
     Args:
         table: The robot.
-        v: The last velocity [rad/s or m/s], shape (n,).
-        demands: What is wanted.
-        rows: Written: w J, shape (>= m, n), and w rate, shape (>= m,).
-        shares: Written, shape (k,).
+        v: Last velocity [rad/s or m/s], shape (n,).
+        demands: The demands.
+        rows: Output: w J, shape (>= m, n), and w rate, shape (>= m,).
+        shares: Output: singularity factors, shape (k,).
     """
     matrix, rate = rows
     begin, damping = 0, 0.0
@@ -279,14 +282,14 @@ def _write_objective(
     hessian: Floats2,
     gradient: Floats1,
 ) -> None:
-    """Write the objective of weighted rows; without any, the joints go to rest, each as hard as it is dear.
+    """Write the objective of weighted rows; without rows, of the minimum velocity weighted by `scale`.
 
     Args:
         table: The robot.
         q: Joint positions [rad or m], shape (n,).
-        rows: w J, shape (m, n), w rate, shape (m,), and what is added to lambda^2.
-        hessian: Written, shape (n, n).
-        gradient: Written, shape (n,).
+        rows: w J, shape (m, n), w rate, shape (m,), and the damping added to lambda^2.
+        hessian: Output, shape (n, n).
+        gradient: Output, shape (n,).
     """
     matrix, rate, damping = rows
     n = q.size
@@ -314,18 +317,18 @@ def _write_objective(
 def _minimum(
     hessian: Floats2, gradient: Floats1, bounds: VelocityInterval, rows: _Rows, first: int, v: Floats1
 ) -> bool:
-    """Write the best velocity within bounds and rows; return whether there is one.
+    """Write the optimal velocity within bounds and rows; return whether one exists.
 
-    Dampers are relaxed so far that the hardest brake keeps them, rows of balance so far that some velocity
-    within the bounds does.
+    Clearance rows are relaxed until braking at maximum deceleration satisfies them, balance rows until some
+    velocity within the bounds does.
 
     Args:
-        hessian: Shape (n, n).
-        gradient: Shape (n,).
-        bounds: Of the velocity.
-        rows: Of clearance and of balance.
-        first: The first row that counts.
-        v: Written, shape (n,) [rad/s or m/s].
+        hessian: Hessian of the objective, shape (n, n).
+        gradient: Gradient of the objective, shape (n,).
+        bounds: Bounds of the velocity.
+        rows: Clearance and balance rows.
+        first: Index of the first row that is used.
+        v: Output, shape (n,) [rad/s or m/s].
     """
     n, count = v.size, 0
     matrix, least = np.empty((rows.least.size, n)), np.empty(rows.least.size)
@@ -350,10 +353,10 @@ def _minimum(
 
 @compiled
 def _best(hessian: Floats2, gradient: Floats1, bounds: VelocityInterval, rows: _Rows, v: Floats1) -> bool:
-    """Write the best velocity that keeps the balance, and the dampers too if both can be kept.
+    """Write the optimal velocity that keeps the balance and, if both are feasible, the clearance rows.
 
-    Without rows of clearance it is the look along the brake path that keeps the robot clear.  Arguments and
-    result are those of `_minimum`.
+    Without clearance rows, the check of the braking path alone avoids collisions.  Arguments and result are
+    those of `_minimum`.
     """
     if _minimum(hessian, gradient, bounds, rows, 0, v):
         return True
@@ -364,7 +367,7 @@ def _best(hessian: Floats2, gradient: Floats1, bounds: VelocityInterval, rows: _
 def _stands_in_the_way(
     table: ServoTable, world: NearWorld, q: Floats1, v: Floats1, moment: _Moment, joints: Flags1
 ) -> int:
-    """Return what a velocity and a brake run into, see `obstacle`; with balance the hardest brake as well."""
+    """Return what the braking path of a velocity collides with, see `obstacle`; two paths with balance."""
     if not world.examined:
         return NOTHING
     hard, limit = HARD * table.clearance, table.limits.acceleration
@@ -378,7 +381,7 @@ def _stands_in_the_way(
 
 @compiled
 def _name_bounds(v: Floats1, bounds: VelocityInterval, names: Ints1, count: int) -> int:
-    """Write the numbers of the bounds that v touches after `count` others; return how many there are then."""
+    """Append the ids of the bounds active at v, shape (n,), to `count` others; return the new count."""
     n = v.size
     for side in range(2):
         for i in range(n):
@@ -392,7 +395,7 @@ def _name_bounds(v: Floats1, bounds: VelocityInterval, names: Ints1, count: int)
 
 @compiled
 def _name_rows(v: Floats1, rows: _Rows, broken: bool, names: Ints1, count: int) -> int:
-    """The same for the rows that v touches or, if `broken`, breaks."""
+    """Append the ids of the rows active at v, shape (n,), or violated if `broken`; return the new count."""
     for k in range(rows.least.size):
         excess = dot(rows.matrix[k], v) - rows.least[k]
         if (-excess > NOTICEABLE) if broken else (excess < NOTICEABLE):
@@ -403,7 +406,7 @@ def _name_rows(v: Floats1, rows: _Rows, broken: bool, names: Ints1, count: int) 
 
 @compiled
 def _parting(table: ServoTable, near: NearState, rows: tuple[Floats2, Floats1], count: int) -> int:
-    """Append rows that separate pairs nearer than the clearance c, at gain (c - d); return how many then."""
+    """Append rows that separate pairs nearer than the clearance c at gain (c - d); return the new count."""
     matrix, rate = rows
     for k in range(near.distances.size):
         if near.distances[k] < table.clearance:
@@ -418,7 +421,10 @@ def _parting(table: ServoTable, near: NearState, rows: tuple[Floats2, Floats1], 
 def _stopping(
     table: ServoTable, world: NearWorld, q: Floats1, bounds: VelocityInterval, moment: _Moment, v: Floats1
 ) -> bool:
-    """Write the hardest brake, or with balance one that keeps it and is as clear; return False if failed."""
+    """Write the velocity at maximum deceleration or, if collision-free, the best one that keeps the balance.
+
+    Returns False if the call-back failed; v has shape (n,) [rad/s or m/s].
+    """
     v[:] = bounds.brake
     if moment.rows.balance == moment.rows.least.size:
         return True
@@ -452,20 +458,20 @@ def decide(
     demands: Demands,
     result: TickResult,
 ) -> tuple[int, int, int]:
-    """Decide a tick.
+    """Decide the next velocity of one tick.
 
     Args:
         table: The robot.
-        world: What it keeps clear of.
-        standing: Its balance; without corners, none is kept.
+        world: The pairs of bodies that must not collide.
+        standing: Constants of the balance; without corners, balance is not constrained.
         q: Joint positions [rad or m], shape (n,).
-        v: The last velocity [rad/s or m/s], shape (n,).
+        v: Last velocity [rad/s or m/s], shape (n,).
         caution: Factor on the speed of approach to obstacles, up to 1.
-        demands: What is wanted; nothing brakes: as hard as can be, or as balance allows.
-        result: Written.
+        demands: The demands; without any, the robot brakes as hard as limits and balance allow.
+        result: Output.
 
     Returns:
-        The outcome, see FREE; the numbers of names that v touches and breaks.
+        The outcome, see FREE; the number of constraints active at v; the number violated by v.
     """
     n, dt, hardest, edges = q.size, table.dt, table.limits.acceleration, 2 * standing.corners.shape[0]
     low, high, brake = np.empty(n), np.empty(n), np.empty(n)
@@ -520,20 +526,20 @@ def _attempt(
     moment: _Moment,
     result: TickResult,
 ) -> tuple[int, int]:
-    """Look for a velocity that is known to stop clear, with more and more joints braking.
+    """Search for a velocity that is known to stop without collision, with more and more joints braking.
 
     Args:
         table: The robot.
-        world: What it keeps clear of.
+        world: The pairs of bodies that must not collide.
         q: Joint positions [rad or m], shape (n,).
-        v: The last velocity [rad/s or m/s], shape (n,).
+        v: Last velocity [rad/s or m/s], shape (n,).
         objective: Hessian, shape (n, n), and gradient, shape (n,).
-        bounds: Of the velocity, changed.
-        moment: Rows and near pairs.
-        result: Its velocity and names are written.
+        bounds: Bounds of the velocity, changed.
+        moment: Rows and nearby pairs.
+        result: Output: velocity and names.
 
     Returns:
-        The outcome, STOPPING where none was found, and the number of names.
+        The outcome, STOPPING if no velocity was found, and the number of names.
     """
     hessian, gradient = objective
     joints, named = np.empty(q.size, dtype=np.bool_), 0

@@ -1,4 +1,4 @@
-"""Pictures from rays: the colors of the surfaces that rays met, and what a distant light makes of them."""
+"""Pictures from rays: the colors of the surfaces that rays hit, shaded by a directional light."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Bytes2, Floats1, Floats2
 
 LIGHT = (0.35, 0.45, 0.82)
-"""Direction to the light, in the world; of any length."""
+"""Direction to the light in the world; it need not be normalized."""
 TILES = ((0.78, 0.78, 0.76), (0.66, 0.66, 0.65))
-"""Red, green and blue of the floor's two tiles, from 0 to 1."""
+"""Red, green and blue of the two tile colors of the floor, from 0 to 1."""
 
-_TILE = 0.5  # side [m]
+_TILE = 0.5  # side of a tile [m]
 _AMBIENT, _DIFFUSE, _FRONTAL = 0.40, 0.45, 0.15
 _HORIZON, _ZENITH = (0.86, 0.90, 0.95), (0.55, 0.70, 0.90)
 
 
 class Surfaces(NamedTuple):
-    """What each of n rays met.
+    """Surfaces that n rays hit.
 
     Attributes:
-        distance: [m], inf where nothing was met, shape (n,).
-        normal: Unit normal against the ray; 0 where nothing was met, shape (n, 3).
-        color: Red, green and blue from 0 to 1; 0 where nothing was met, shape (n, 3).
+        distance: Distance [m], inf without a hit, shape (n,).
+        normal: Unit normal against the ray; 0 without a hit, shape (n, 3).
+        color: Red, green and blue from 0 to 1; 0 without a hit, shape (n, 3).
     """
 
     distance: Floats1
@@ -35,13 +35,13 @@ class Surfaces(NamedTuple):
 
 @compiled("void(float64[:, ::1], float64[:, ::1], float64[:, ::1], float64[:, ::1])")
 def place_rays(pose: Floats2, local: Floats2, origins: Floats2, directions: Floats2) -> None:
-    """Write start [m] and direction in the world of rays from the origin of a frame, shape (n, 3).
+    """Write the rays from the origin of a frame in the world.
 
     Args:
         pose: transform_frame_to_world, shape (4, 4).
         local: Unit vectors in the frame, shape (n, 3).
-        origins: Written.
-        directions: Written.
+        origins: Output: start points in the world, shape (n, 3) [m].
+        directions: Output: unit vectors in the world, shape (n, 3).
     """
     for ray in range(local.shape[0]):
         x, y, z = local[ray, 0], local[ray, 1], local[ray, 2]
@@ -54,15 +54,15 @@ def place_rays(pose: Floats2, local: Floats2, origins: Floats2, directions: Floa
 def paint(
     origins: Floats2, directions: Floats2, hits: Hits, colors: Floats2, floor: int, surfaces: Surfaces
 ) -> None:
-    """Write distances and colors where rays hit something; elsewhere nothing is changed.
+    """Write distances and colors of rays that hit something; other rays are left unchanged.
 
     Args:
-        origins: Where the rays start, shape (n, 3) [m].
+        origins: Start points of the rays, shape (n, 3) [m].
         directions: Unit vectors, shape (n, 3).
-        hits: Of these rays.
-        colors: Of the solids, from 0 to 1, shape (m, 3).
-        floor: The solid that is the floor, with tiles; -1 for none.
-        surfaces: Written.
+        hits: What each ray hit.
+        colors: Color of each solid, red, green and blue from 0 to 1, shape (m, 3).
+        floor: Index of the solid that is the tiled floor; -1 for none.
+        surfaces: Output.
     """
     for ray in range(len(hits.solid)):
         item, t = hits.solid[ray], hits.distance[ray]
@@ -80,12 +80,12 @@ def paint(
 
 @compiled("void(float64[:, ::1], Surfaces, uint8[:, ::1])")
 def shade(directions: Floats2, surfaces: Surfaces, picture: Bytes2) -> None:
-    """Write the pixel of each ray, shape (n, 3), 0 to 255: one distant light, no shadows, a pale sky.
+    """Write the pixel of each ray, 0 to 255: one directional light, no shadows, a pale sky.
 
     Args:
         directions: Unit vectors, shape (n, 3).
-        surfaces: What the rays met.
-        picture: Written.
+        surfaces: Surfaces that the rays hit.
+        picture: Output: red, green and blue, shape (n, 3).
     """
     length = math.sqrt(LIGHT[0] ** 2 + LIGHT[1] ** 2 + LIGHT[2] ** 2)
     x, y, z = LIGHT[0] / length, LIGHT[1] / length, LIGHT[2] / length
@@ -106,5 +106,5 @@ def shade(directions: Floats2, surfaces: Surfaces, picture: Bytes2) -> None:
 
 @compiled
 def _level(share: float) -> int:
-    """Return a share from 0 to 1 as a number from 0 to 255; others are taken to the ends."""
+    """Return a brightness from 0 to 1 as an integer from 0 to 255; values outside are clamped."""
     return int(255.0 * min(max(share, 0.0), 1.0) + 0.5)

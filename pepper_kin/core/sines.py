@@ -1,4 +1,4 @@
-"""Sines and cosines of many angles at once, in a loop of which LLVM makes vectors."""
+"""Sines and cosines of many angles at once, in a loop that LLVM vectorizes."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ C0, C1, C2, C3, C4, C5 = _DOUBLE.cosine
 MAGIC = _DOUBLE.magic
 
 FAR = 2e4
-"""Beyond this angle [rad] n P1 is not exact where a processor has no fused instructions."""
+"""Angle [rad] beyond which n P1 is not exact on a processor without fused instructions."""
 
 
 @compiled("void(float64[::1], float64[::1], float64[::1])", lean=True, vector=True)
 def sines_and_cosines(angles: Floats1, sines: Floats1, cosines: Floats1) -> None:
-    """Write sines and cosines, right to 1.5 units in the last place; see `kernels.trigonometry`.
+    """Write sines and cosines, accurate to 1.5 units in the last place; see `kernels.trigonometry`.
 
     A number of angles that fills vectors, a multiple of four, takes a fraction of the time.
 
     Args:
-        angles: Finite, shape (m,) [rad].
-        sines: Written, shape (m,).
-        cosines: Written, shape (m,).
+        angles: Finite angles, shape (m,) [rad].
+        sines: Output, shape (m,).
+        cosines: Output, shape (m,).
     """
     far = 0.0
     for i in range(angles.shape[0]):

@@ -16,13 +16,13 @@ from pepper_kin.kernels.compiled_function import compiled
 def evaluate_at_times(breaks: Array, coefficients: Array, time: Array, state: Array) -> None:
     """Evaluate a piecewise polynomial and its derivatives.
 
-    At a break the values are the later segment's, at the end the last one's.  Rising times cost least.
+    At a break the values are of the later segment, at the end of the last.  Ascending times cost least.
 
     Args:
-        breaks: Ends of the segments, rising, shape (m + 1,).
+        breaks: Ends of the segments, ascending, shape (m + 1,).
         coefficients: Constant term first, shape (m, k, n).
-        time: Within the breaks, shape (T,).
-        state: Receives the value and the first derivatives, shape (d, T, n), 1 <= d <= 4.
+        time: Times within the breaks, shape (T,).
+        state: Output: the value and the first derivatives, shape (d, T, n), 1 <= d <= 4.
     """
     segment, local = np.empty(time.size, np.int64), np.empty(time.size)
     last, i = breaks.size - 2, 0
@@ -44,13 +44,13 @@ def evaluate_at_times(breaks: Array, coefficients: Array, time: Array, state: Ar
 
 @compiled("void(float64[:, :, ::1], int64[::1], float64[::1], float64[:, :, ::1])")
 def evaluate_on_segments(coefficients: Array, segment: np.ndarray, local: Array, state: Array) -> None:
-    """Evaluate chosen polynomials and their derivatives by Horner's scheme.
+    """Evaluate the polynomials of given segments and their derivatives by Horner's scheme.
 
     Args:
         coefficients: Constant term first, shape (m, k, n).
         segment: Indices of segments, shape (T,).
         local: Arguments, shape (T,).
-        state: Receives the value and the first derivatives, shape (d, T, n), 1 <= d <= 4.
+        state: Output: the value and the first derivatives, shape (d, T, n), 1 <= d <= 4.
     """
     if state.shape[0] == 3 and coefficients.shape[1] == 7:
         _evaluate_degree_six(coefficients, segment, local, state)
@@ -62,7 +62,7 @@ def evaluate_on_segments(coefficients: Array, segment: np.ndarray, local: Array,
 
 @compiled
 def _evaluate_derivatives(coefficients: Array, segment: np.ndarray, local: Array, state: Array) -> None:
-    """Evaluate any number of derivatives; arguments and shapes as of `evaluate_on_segments`."""
+    """Evaluate any number of derivatives; arguments and shapes as in `evaluate_on_segments`."""
     order, count, n = coefficients.shape[1], state.shape[0], coefficients.shape[2]
     for k in range(segment.size):
         i, x = segment[k], local[k]
@@ -84,9 +84,9 @@ def _evaluate_derivatives(coefficients: Array, segment: np.ndarray, local: Array
 
 @compiled
 def _evaluate_states(coefficients: Array, segment: np.ndarray, local: Array, state: Array) -> None:
-    """Evaluate a value and two derivatives at once; arguments and shapes as of `evaluate_on_segments`.
+    """Evaluate a value and two derivatives at once; arguments and shapes as in `evaluate_on_segments`.
 
-    The sums are made in new arrays, which overlap with no other, so that joints share vector instructions.
+    The sums are computed in new arrays, which do not overlap others, so that joints are vectorized.
     """
     order, n = coefficients.shape[1], coefficients.shape[2]
     value, slope, bend = np.empty(n), np.empty(n), np.empty(n)
@@ -109,7 +109,7 @@ def _evaluate_states(coefficients: Array, segment: np.ndarray, local: Array, sta
 
 @compiled
 def _evaluate_degree_six(coefficients: Array, segment: np.ndarray, local: Array, state: Array) -> None:
-    """Do what `_evaluate_states` does, for degree six, that of timed paths; its arguments and shapes."""
+    """Carry out `_evaluate_states` for degree six, the degree of timed paths; same arguments and shapes."""
     n = coefficients.shape[2]
     value, slope, bend = np.empty(n), np.empty(n), np.empty(n)
     for k in range(segment.size):
@@ -146,12 +146,12 @@ def cubic_spline(points: Array, breaks: Array, coefficients: Array) -> None:
     """Compute the C2 cubic through points over the chord length, with unit speed along the end chords.
 
     The slopes at the points solve a tridiagonal system (de Boor, A Practical Guide to Splines, chapter 4),
-    here by elimination without pivoting, for its diagonal dominates.
+    solved by elimination without pivoting, because its diagonal dominates.
 
     Args:
-        points: Successive ones differ, shape (k, n) [rad or m].
-        breaks: Receives the chord lengths up to the points, shape (k,).
-        coefficients: Receives the segments, constant term first, shape (k - 1, 4, n).
+        points: Points, successive ones different, shape (k, n) [rad or m].
+        breaks: Output: chord lengths up to the points, shape (k,).
+        coefficients: Output: segments, constant term first, shape (k - 1, 4, n).
     """
     k, n = points.shape
     slope, upper = np.empty((k, n)), np.empty(k)
@@ -201,13 +201,13 @@ def polyline_length(points: Array) -> float:
 
 @compiled("float64(float64[::1], float64[:, :, ::1], float64[::1], float64[::1])", lean=True)
 def greatest_violation(breaks: Array, coefficients: Array, lower: Array, upper: Array) -> float:
-    """Return how far a piecewise cubic leaves its bounds at most, negative where it stays inside.
+    """Return the maximum violation of bounds by a piecewise cubic, negative if it stays inside.
 
     Args:
         breaks: Ends of the segments, shape (m + 1,).
         coefficients: Constant term first, shape (m, 4, n).
         lower: Lower bounds, shape (n,), in the units of the coefficients.
-        upper: Upper bounds, shape (n,).
+        upper: Upper bounds, shape (n,), in the units of the coefficients.
     """
     worst = -np.inf
     segments, _, n = coefficients.shape
@@ -216,7 +216,7 @@ def greatest_violation(breaks: Array, coefficients: Array, lower: Array, upper: 
         for j in range(n):
             q, c = coefficients[i, 0, j], coefficients[i, 1, j]
             b, a = coefficients[i, 2, j], coefficients[i, 3, j]
-            # Between its ends a cubic is extreme where 3 a x^2 + 2 b x + c = 0.
+            # Between its ends a cubic has extrema where 3 a x^2 + 2 b x + c = 0.
             disc = b * b - 3 * a * c
             root = np.sqrt(disc) if disc > 0 else 0.0
             w = -(b + root if b >= 0 else b - root)
@@ -231,18 +231,18 @@ def greatest_violation(breaks: Array, coefficients: Array, lower: Array, upper: 
 def bounded_cubic_spline(
     points: Array, lower: Array, upper: Array, same: float, breaks: Array, coefficients: Array
 ) -> float:
-    """Compute a `cubic_spline` and return its `greatest_violation` over bounds.
+    """Compute a `cubic_spline` and return its `greatest_violation` of bounds.
 
     Args:
-        points: Shape (k, n) [rad or m].
-        lower: Lower bounds, shape (n,).
-        upper: Upper bounds, shape (n,).
-        same: Successive points no farther apart are the same.
-        breaks: Written, see `cubic_spline`, shape (k,).
-        coefficients: Written, see `cubic_spline`, shape (k - 1, 4, n).
+        points: Points, shape (k, n) [rad or m].
+        lower: Lower bounds, shape (n,) [rad or m].
+        upper: Upper bounds, shape (n,) [rad or m].
+        same: Distance up to which successive points count as the same.
+        breaks: Output, see `cubic_spline`, shape (k,).
+        coefficients: Output, see `cubic_spline`, shape (k - 1, 4, n).
 
     Returns:
-        The violation; inf where points are not finite or successive ones are the same.
+        The violation; inf if points are not finite or successive points are the same.
     """
     for i in range(points.shape[0]):
         square = 0.0
@@ -258,16 +258,16 @@ def bounded_cubic_spline(
 
 
 def derivatives_on_segments(coefficients: Array, segment: ArrayLike, local: ArrayLike, count: int) -> Array:
-    """Return value and first derivatives of chosen polynomials, for any shapes that go together.
+    """Return value and first derivatives of the polynomials of given segments, for arrays that broadcast.
 
     Args:
         coefficients: Constant term first, shape (m, k, n).
         segment: Indices of segments, negative ones from the end, shape (...).
         local: Arguments, shape (...).
-        count: Number of derivatives, the value among them, at most 4.
+        count: Number of derivatives including the value, at most 4.
 
     Returns:
-        Shape (count, ..., n).
+        Derivatives, shape (count, ..., n).
 
     Raises:
         IndexError: for a segment that does not exist.
@@ -285,19 +285,19 @@ def derivatives_on_segments(coefficients: Array, segment: ArrayLike, local: Arra
 
 
 def quintic_hermite(step: Array, value: Array, slope: Array, bend: Array) -> Array:
-    """Return the quintics that meet values, first and second derivatives.
+    """Return the quintics with given values, first and second derivatives at the ends.
 
     Args:
         step: Lengths of the segments, shape (m,).
-        value: At the ends of the segments, shape (m + 1, n).
-        slope: First derivatives there, shape (m + 1, n).
-        bend: Second derivatives there, shape (m + 1, n).
+        value: Values at the ends of the segments, shape (m + 1, n).
+        slope: First derivatives at the ends, shape (m + 1, n).
+        bend: Second derivatives at the ends, shape (m + 1, n).
 
     Returns:
         Coefficients, constant term first, shape (m, 6, n).
     """
     h = step[:, None]
-    # What is missing at the end of a segment after the Taylor polynomial of its start.
+    # Differences at the end of a segment from the Taylor polynomial of its start.
     d0 = value[1:] - value[:-1] - h * slope[:-1] - h**2 / 2 * bend[:-1]
     d1 = slope[1:] - slope[:-1] - h * bend[:-1]
     d2 = bend[1:] - bend[:-1]
@@ -309,9 +309,9 @@ def quintic_hermite(step: Array, value: Array, slope: Array, bend: Array) -> Arr
 
 @compiled("boolean(float64[::1], float64, float64)", lean=True)
 def clamp(values: Array, greatest: float, slack: float) -> bool:
-    """Move values, shape (T,), into [0, greatest]; return whether none was further outside than the slack."""
+    """Clamp values, shape (T,), to [0, greatest]; return whether none exceeded it by more than the slack."""
     for k in range(values.size):
-        if not (values[k] >= -slack and values[k] <= greatest + slack):  # also where it is NaN
+        if not (values[k] >= -slack and values[k] <= greatest + slack):  # also true for NaN
             return False
         values[k] = min(max(values[k], 0.0), greatest)
     return True
@@ -324,18 +324,18 @@ def clamp(values: Array, greatest: float, slack: float) -> bool:
 def cut_out(
     breaks: Array, coefficients: Array, ends: Array, apart: float, knots: Array, pieces: Array
 ) -> tuple[int, int]:
-    """Write the part of a piecewise polynomial between two arguments, whose first becomes 0.
+    """Write the part of a piecewise polynomial between two arguments, shifted so that it starts at 0.
 
     Args:
-        breaks: Ends of the segments, rising, shape (m + 1,).
+        breaks: Ends of the segments, ascending, shape (m + 1,).
         coefficients: Constant term first, shape (m, k, n).
         ends: The two arguments, shape (2,).
-        apart: Breaks no further than this from one of them are left out.
-        knots: Written: its breaks, in the first of shape (m + 1,).
-        pieces: Written: its coefficients, shape (m, k, n).
+        apart: Distance from one of them up to which breaks are left out.
+        knots: Output: breaks of the part, in the first entries of shape (m + 1,).
+        pieces: Output: coefficients of the part, shape (m, k, n).
 
     Returns:
-        How many pieces it has, and how many coefficients, without powers that have none in it.
+        The number of segments, and the number of coefficients up to the highest power that is not zero.
     """
     powers, n, last = coefficients.shape[1], coefficients.shape[2], breaks.size - 2
     count, order, i, begin = 0, 1, 0, ends[0]
@@ -355,7 +355,7 @@ def cut_out(
             for j in range(n):
                 if coefficients[i, p, j] != 0.0:
                     order = p + 1
-        if by != 0.0:  # Horner's scheme, again and again
+        if by != 0.0:  # repeated Horner: the Taylor shift
             for first in range(powers - 1):
                 for p in range(powers - 2, first - 1, -1):
                     for j in range(n):
@@ -366,16 +366,16 @@ def cut_out(
 
 
 def shifted(coefficients: Array, by: Array) -> Array:
-    """Return the polynomials p(x + by) of p(x).
+    """Return the polynomials p(x + by) for given polynomials p(x).
 
     Args:
         coefficients: Constant term first, shape (m, k, n).
-        by: One number for each, shape (m,).
+        by: Shift of each polynomial, shape (m,).
 
     Returns:
-        Shape (m, k, n).
+        Coefficients, shape (m, k, n).
     """
-    moved, rows = coefficients.copy(), np.flatnonzero(by)  # often one piece of hundreds, or none
+    moved, rows = coefficients.copy(), np.flatnonzero(by)  # often one segment of hundreds, or none
     gains, gaps = _binomials(coefficients.shape[1])
     powers = by[rows, None] ** np.arange(coefficients.shape[1])
     moved[rows] = (gains * powers[:, gaps]) @ coefficients[rows]
@@ -384,7 +384,7 @@ def shifted(coefficients: Array, by: Array) -> Array:
 
 @lru_cache(maxsize=16)
 def _binomials(count: int) -> tuple[Array, NDArray[np.intp]]:
-    """Return how many ways there are to choose i of j, and j - i, or 0 for j < i; shape (count, count)."""
+    """Return the binomials C(j, i), and j - i, or 0 for j < i; shape (count, count)."""
     gains = np.array([[comb(j, i) for j in range(count)] for i in range(count)], dtype=float)
     gaps = np.arange(count) - np.arange(count)[:, None]
     return gains, np.maximum(gaps, 0)

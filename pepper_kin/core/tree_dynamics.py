@@ -1,24 +1,24 @@
-"""Dynamics of one state of any tree of joints, from tables: nothing is compiled for a robot.
+"""Dynamics of one state of any tree of joints, from tables, without compiling anything for a robot.
 
-Vectors are in world axes, and wrenches and inertias about the origin of the body that they belong to, so that
-what passes from a body to its parent is only shifted by r, the vector from the parent's origin to the body's.
-Torques are those of recursive Newton-Euler (Luh, Walker and Paul, 1980), masses those of composite bodies
-(Walker and Orin, 1982); accelerations follow from M = L^T D L with the zeros of the tree (Featherstone, 2008,
-section 6.5).
+Vectors are in world axes; wrenches and inertias are about the origin of their body, so that the contribution
+of a body to its parent is only shifted by r, the vector from the parent's origin to the body's.  Torques are
+computed by recursive Newton-Euler (Luh, Walker and Paul, 1980), the mass matrix by composite bodies (Walker
+and Orin, 1982); accelerations follow from M = L^T D L with the zeros of the tree (Featherstone, 2008, section
+6.5).
 
-Derivatives of the torques (Carpentier and Mansard, 2018) need, of each composite body, the mass m,
-h = sum(m x), Sigma = sum(m x x^T), p = sum(m x') and Pi = sum(m x' x^T), where x is a place and x' its
+Derivatives of the torques (Carpentier and Mansard, 2018) need, for each composite body, the mass m,
+h = sum(m x), Sigma = sum(m x x^T), p = sum(m x') and Pi = sum(m x' x^T), where x is a position and x' its
 velocity.  A change (a, alpha) of its acceleration and a change d of its angular velocity change its wrench by
 
     f = m a + alpha x h + 2 d x p,    n = h x a + (tr Sigma - Sigma) alpha + 2 (tr Pi - Pi) d
 
 Let S be the motion that joint j permits, V and A velocity and spatial acceleration of its parent, U = V x S
-and W = A x S + V x U, each with a linear and an angular part.  A change of q_j turns all that j carries, with
-its wrench, by S, and changes its acceleration by W and its angular velocity by that of U; a change of v_j
-changes them by 2 U and by that of S.  Carried inward, such a wrench is the change of the torques of j and of
-the joints before it.  For the torque of a joint i behind j, the wrench of the acceleration S_i and
-g = 2 (p x linear + (tr Pi - Pi^T) angular) of S_i are carried inward instead: the first is the linear form of
-W_j or 2 U_j, g that of the angular velocity.
+and W = A x S + V x U, each with a linear and an angular part.  A change of q_j rotates the composite body of
+j, with its wrench, by S, and changes its acceleration by W and its angular velocity by the angular part of U;
+a change of v_j changes them by 2 U and by the angular part of S.  Propagated towards the root, such a wrench
+is the change of the torques of j and of the joints before it.  For the torque of a joint i behind j, the
+wrench of the acceleration S_i and g = 2 (p x linear + (tr Pi - Pi^T) angular) of S_i are propagated instead:
+the former is the linear form of W_j or 2 U_j, g the linear form of the angular velocity.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ Vector: TypeAlias = tuple[float, float, float]
 Symmetric: TypeAlias = tuple[float, float, float, float, float, float]
 
 LINK = RecordView("LINK", parent=word, leader=word, slides=word)
-"""The row of a joint's parent among the bodies (0: the world; joint i moves body i + 1), its coordinate of
-the robot, and whether it slides."""
+"""A joint's links: index of its parent among the bodies (0: the world; joint i moves body i + 1), index of
+its coordinate of the robot, and whether it is prismatic."""
 
 JOINT = RecordView(
     "JOINT",
@@ -66,16 +66,17 @@ _OF_DERIVATIVES = (
 BODY = RecordView(
     "BODY", mass=double, second=6 * double, **dict.fromkeys(_OF_BODIES + _OF_DERIVATIVES, 3 * double)
 )
-"""A body at a state: its axes, r, inertia, motion (`a`: of its origin, beside gravity), wrench, p, columns of
-Pi, and S, U and W of its joint.  Row 0 is the world."""
+"""A body at a state: its axes, r, inertia, motion (`a`: acceleration of its origin less gravity), wrench, p,
+columns of Pi, and S, U and W of its joint.  Row 0 is the world."""
 
 SINGULAR = 1e-14
-"""Where so little of a diagonal entry of M remains in D, the rest are rounding errors: M has no inverse."""
+"""Ratio of D to a diagonal entry of M below which D is only rounding error: M has no inverse."""
 
 
 DEEP = 32
-"""Where rows of L have so many entries on average, M = L^T D L takes longer than recursions along the tree:
-its operations grow with the cube of the depth.  That is a chain of 64 joints; for M^-1, one of half that."""
+"""Mean number of entries of the rows of L above which M = L^T D L takes longer than recursions along the
+tree: its operations grow with the cube of the depth.  A chain of 64 joints reaches it; for M^-1, one of half
+that."""
 
 
 class TreeTables(NamedTuple):
@@ -85,10 +86,10 @@ class TreeTables(NamedTuple):
         links: Rows of LINK, shape (N, LINK.width).
         joints: Rows of JOINT, shape (N, JOINT.width).
         gravity: Gravity vector [m/s^2], shape (3,).
-        starts: Where the packed rows of M begin, and where the last ends, shape (n + 1,).  Row a has the
-            entry on the diagonal, then one for each coordinate above a in the elimination tree, the nearest
-            first: those that may be coupled to it, and L has no other entries.
-        above: The nearest coordinate above each, -1 for none, shape (n,).
+        starts: Offsets of the packed rows of M, and their total size, shape (n + 1,).  Row a has the diagonal
+            entry, then one for each coordinate above a in the elimination tree, the nearest first: these
+            may be coupled to a, and L has no other entries.
+        above: Nearest coordinate above each coordinate, -1 for none, shape (n,).
         work: Memory for rows of BODY and for angles, their sines and cosines, shape (work_size(N),); one for
             each thread.
     """
@@ -102,11 +103,11 @@ class TreeTables(NamedTuple):
 
 
 def work_size(count: int) -> int:
-    """Return the size of the memory for a number of joints."""
+    """Return the size of the memory `TreeTables.work` for a number of joints."""
     return (count + 1) * BODY.width + 3 * (count + 3)
 
 
-# Vectors of machine code whose products and sums may be contracted, unlike those of `ray_casting`.
+# Vector operations whose products and sums may be contracted, unlike those of `ray_casting`.
 
 
 @compiled(inline=True, vector=True)
@@ -126,12 +127,13 @@ def _plus(a: Vector, b: Vector) -> Vector:
 
 @compiled(inline=True, vector=True)
 def _add(a: Vector, factor: float, b: Vector) -> Vector:
+    """Return a + factor b."""
     return (a[0] + factor * b[0], a[1] + factor * b[1], a[2] + factor * b[2])
 
 
 @compiled(inline=True, vector=True)
 def _combined(x: Vector, y: Vector, z: Vector, u: Vector) -> Vector:
-    """Return u_x x + u_y y + u_z z: M u of a matrix with these columns."""
+    """Return u_x x + u_y y + u_z z, the product of a matrix with these columns and u."""
     return (
         x[0] * u[0] + y[0] * u[1] + z[0] * u[2],
         x[1] * u[0] + y[1] * u[1] + z[1] * u[2],
@@ -141,7 +143,7 @@ def _combined(x: Vector, y: Vector, z: Vector, u: Vector) -> Vector:
 
 @compiled(inline=True, vector=True)
 def _inertia_times(s: Symmetric, u: Vector) -> Vector:
-    """Return (tr Sigma - Sigma) u."""
+    """Return (tr Sigma - Sigma) u, the moment of inertia times u."""
     return (
         (s[3] + s[5]) * u[0] - s[1] * u[1] - s[2] * u[2],
         (s[0] + s[5]) * u[1] - s[1] * u[0] - s[4] * u[2],
@@ -151,7 +153,7 @@ def _inertia_times(s: Symmetric, u: Vector) -> Vector:
 
 @compiled(inline=True, vector=True)
 def _wrench(bodies: int, k: int, a: Vector, alpha: Vector) -> tuple[Vector, Vector]:
-    """Return the wrench of an acceleration of body k."""
+    """Return the wrench for the accelerations a and alpha of body k."""
     h = BODY.first(bodies, k)
     moment = _plus(_cross(h, a), _inertia_times(BODY.second(bodies, k), alpha))
     return _add(_cross(alpha, h), BODY.mass(bodies, k), a), moment
@@ -159,7 +161,7 @@ def _wrench(bodies: int, k: int, a: Vector, alpha: Vector) -> tuple[Vector, Vect
 
 @compiled(lean=True, vector=True)
 def _place(tree: TreeTables, q: Floats1) -> None:
-    """Write the axes, origins and inertias of all bodies."""
+    """Write the axes, origins and inertias of all bodies at q, shape (n,)."""
     links, joints, bodies = tree.links.ctypes.data, tree.joints.ctypes.data, tree.work.ctypes.data
     count = tree.links.shape[0]
     behind, padded = BODY.at(bodies, count + 1), (count + 3) // 4 * 4
@@ -194,7 +196,7 @@ def _place(tree: TreeTables, q: Floats1) -> None:
         BODY.set_mass(bodies, JOINT.mass(joints, i), k)
         BODY.set_first(bodies, _combined(x, y, z, JOINT.first(joints, i)), k)
         xx, xy, xz, yy, yz, zz = JOINT.second(joints, i)
-        # Columns of Q Sigma, then the rows of that times Q^T.
+        # Columns of Q Sigma, then its rows times Q^T.
         a, b, c = (
             _combined(x, y, z, (xx, xy, xz)),
             _combined(x, y, z, (xy, yy, yz)),
@@ -216,7 +218,7 @@ def _place(tree: TreeTables, q: Floats1) -> None:
 
 @compiled(lean=True, vector=True)
 def _move(tree: TreeTables, v: Floats1, a: Floats1) -> None:
-    """Write the motion of all bodies and the wrench that each takes."""
+    """Write the motion of all bodies at v and a, shape (n,), and the wrench that each body needs."""
     links, joints, bodies = tree.links.ctypes.data, tree.joints.ctypes.data, tree.work.ctypes.data
     still = (0.0, 0.0, 0.0)
     BODY.set_omega(bodies, still)
@@ -247,7 +249,7 @@ def _move(tree: TreeTables, v: Floats1, a: Floats1) -> None:
 
 @compiled(lean=True, vector=True)
 def _gather_torques(tree: TreeTables, a: Floats1, tau: Floats1) -> None:
-    """Add the wrench of each body to its parent's, and write the torques."""
+    """Add the wrench of each body to its parent's, and write the torques, shape (n,)."""
     links, joints, bodies = tree.links.ctypes.data, tree.joints.ctypes.data, tree.work.ctypes.data
     for j in range(tau.shape[0]):
         tau[j] = 0.0
@@ -265,7 +267,7 @@ def _gather_torques(tree: TreeTables, a: Floats1, tau: Floats1) -> None:
 
 @compiled(lean=True, vector=True)
 def _gather_inertias(tree: TreeTables) -> None:
-    """Add the inertia of each body to its parent's, from the tips to the roots."""
+    """Add the inertia of each body to its parent's, from the tips to the root."""
     links, bodies = tree.links.ctypes.data, tree.work.ctypes.data
     for i in range(tree.links.shape[0] - 1, -1, -1):
         parent, k = LINK.parent(links, i), i + 1
@@ -292,14 +294,14 @@ def _gather_inertias(tree: TreeTables) -> None:
 
 @compiled(lean=True, inline=True)
 def _place_in_rows(starts: int, a: int, b: int) -> int:
-    """Return the place of the entry (a, b) of M in its packed rows."""
+    """Return the offset of the entry (a, b) of M in its packed rows."""
     low, high = max(a, b), min(a, b)
     return word_at(starts, low + 1) - word_at(starts, high + 1) + word_at(starts, high)
 
 
 @compiled(lean=True, vector=True)
 def _write_masses(tree: TreeTables, rows: Floats1) -> None:
-    """Write the packed rows of the mass matrix of the robot's coordinates, from composite bodies."""
+    """Write the packed rows of the mass matrix, shape (starts[-1],), from composite bodies."""
     links, joints, bodies = tree.links.ctypes.data, tree.joints.ctypes.data, tree.work.ctypes.data
     starts, packed = tree.starts.ctypes.data, rows.ctypes.data
     for at in range(rows.shape[0]):
@@ -330,7 +332,7 @@ def _write_masses(tree: TreeTables, rows: Floats1) -> None:
 
 @compiled(lean=True)
 def _unpack(tree: TreeTables, rows: Floats1, masses: Floats2) -> None:
-    """Write M from its packed rows."""
+    """Write M, shape (n, n), from its packed rows."""
     starts, above = tree.starts.ctypes.data, tree.above.ctypes.data
     packed, target, n = rows.ctypes.data, masses.ctypes.data, masses.shape[0]
     for at in range(n * n):
@@ -371,7 +373,7 @@ def _factorize(tree: TreeTables, rows: Floats1) -> bool:
 
 @compiled(lean=True, vector=True)
 def _solve(tree: TreeTables, factors: Floats1, x: Floats1, end: int) -> None:
-    """Overwrite the elements before `end` of x, behind which it is zero, with those of M^-1 x."""
+    """Overwrite the first `end` elements of x, shape (n,), zero after them, with those of M^-1 x."""
     starts, above = tree.starts.ctypes.data, tree.above.ctypes.data
     packed, target = factors.ctypes.data, x.ctypes.data
     for a in range(end - 1, -1, -1):
@@ -390,7 +392,7 @@ def _solve(tree: TreeTables, factors: Floats1, x: Floats1, end: int) -> None:
 
 @compiled(lean=True, vector=True)
 def _solve_columns(tree: TreeTables, factors: Floats1, x: Floats2) -> None:
-    """Overwrite the columns of x, shape (n, m), with M^-1 times these."""
+    """Overwrite x, shape (n, m), with M^-1 x."""
     for a in range(x.shape[0] - 1, -1, -1):
         b = tree.above[a]
         for at in range(tree.starts[a] + 1, tree.starts[a + 1]):
@@ -409,7 +411,7 @@ def _solve_columns(tree: TreeTables, factors: Floats1, x: Floats2) -> None:
 
 @compiled(lean=True)
 def _invert(tree: TreeTables, factors: Floats1, inverse: Floats2) -> None:
-    """Write M^-1, symmetric, from the factors of M."""
+    """Write M^-1, symmetric, shape (n, n), from the factors of M."""
     for a in range(inverse.shape[0]):
         for b in range(a):
             inverse[a, b] = 0.0
@@ -421,7 +423,7 @@ def _invert(tree: TreeTables, factors: Floats1, inverse: Floats2) -> None:
 
 @compiled(lean=True, vector=True)
 def _write_rates(tree: TreeTables, v: Floats1) -> None:
-    """Write S, U and W of all joints, and p and Pi of all composite bodies; bodies are not composite yet."""
+    """Write S, U and W of all joints, and p and Pi of composite bodies, before inertias are gathered."""
     links, joints, bodies = tree.links.ctypes.data, tree.joints.ctypes.data, tree.work.ctypes.data
     none = (0.0, 0.0, 0.0)
     BODY.set_v(bodies, none)
@@ -466,7 +468,7 @@ def _write_rates(tree: TreeTables, v: Floats1) -> None:
 
 @compiled(inline=True, vector=True)
 def _gyroscopic(bodies: int, k: int, wrench: tuple[Vector, Vector], d: Vector) -> tuple[Vector, Vector]:
-    """Add to a wrench what a change d of the angular velocity of composite body k brings."""
+    """Add to a wrench the effect of a change d of the angular velocity of composite body k."""
     x, y, z = BODY.pi_x(bodies, k), BODY.pi_y(bodies, k), BODY.pi_z(bodies, k)
     turned = _add(_add(wrench[1], -2.0, _combined(x, y, z, d)), 2.0 * (x[0] + y[1] + z[2]), d)
     return _add(wrench[0], 2.0, _cross(d, BODY.p(bodies, k))), turned
@@ -474,7 +476,7 @@ def _gyroscopic(bodies: int, k: int, wrench: tuple[Vector, Vector], d: Vector) -
 
 @compiled(lean=True, vector=True)
 def _write_derivatives(tree: TreeTables, by_q: Floats2, by_v: Floats2, masses: Floats2) -> None:
-    """Write the derivatives of the torques, from composite bodies with their wrenches and rates."""
+    """Write the derivatives of the torques, shape (n, n) each, from composite bodies, wrenches and rates."""
     links, joints, bodies = tree.links.ctypes.data, tree.joints.ctypes.data, tree.work.ctypes.data
     for a in range(by_q.shape[0]):
         for b in range(by_q.shape[0]):
@@ -517,7 +519,7 @@ def _write_derivatives(tree: TreeTables, by_q: Floats2, by_v: Floats2, masses: F
 
 @compiled(lean=True)
 def _differentiate(tree: TreeTables, v: Floats1, a: Floats1, tau: Floats1, derivatives: Floats3) -> None:
-    """Write torques and their derivatives, shape (3, n, n), of bodies that are placed."""
+    """Write torques and their derivatives, shape (3, n, n), for bodies that have been placed."""
     _move(tree, v, a)
     _gather_torques(tree, a, tau)
     _write_rates(tree, v)
@@ -527,7 +529,7 @@ def _differentiate(tree: TreeTables, v: Floats1, a: Floats1, tau: Floats1, deriv
 
 @compiled(lean=True)
 def _factorize_masses(tree: TreeTables, rows: Floats1) -> bool:
-    """Write the factors of M of bodies that are placed, and leave composite bodies; False without M^-1."""
+    """Write the factors of M for bodies that have been placed, which become composite; False without M^-1."""
     _gather_inertias(tree)
     _write_masses(tree, rows)
     return bool(_factorize(tree, rows))
@@ -542,7 +544,7 @@ def inverse_dynamics(tree: TreeTables, q: Floats1, v: Floats1, a: Floats1, tau: 
         q: Positions [rad or m], shape (n,).
         v: Velocities [rad/s or m/s], shape (n,).
         a: Accelerations [rad/s^2 or m/s^2], shape (n,).
-        tau: Receives M(q) a + C(q, v) v + g(q), shape (n,) [N m or N].
+        tau: Output: M(q) a + C(q, v) v + g(q), shape (n,) [N m or N].
 
     Returns:
         Whether the vectors have shape (n,) and are within range; else nothing is written.
@@ -558,7 +560,7 @@ def inverse_dynamics(tree: TreeTables, q: Floats1, v: Floats1, a: Floats1, tau: 
 
 @compiled("boolean(TreeTables, float64[::1], float64[::1])")
 def gravity_torque(tree: TreeTables, q: Floats1, tau: Floats1) -> bool:
-    """Write g(q), the torques of rest, shape (n,) [N m or N]; see `inverse_dynamics`."""
+    """Write g(q), the torques at rest, shape (n,) [N m or N]; see `inverse_dynamics`."""
     still = np.zeros(tree.above.shape[0])
     return bool(inverse_dynamics(tree, q, still, still, tau))
 
@@ -578,6 +580,7 @@ def mass_matrix(tree: TreeTables, q: Floats1, masses: Floats2) -> bool:
 
 @compiled(lean=True)
 def _is_deep(tree: TreeTables, limit: int) -> bool:
+    """Return whether the rows of L have more entries than a limit on average."""
     return bool(tree.starts[-1] > limit * tree.above.shape[0])
 
 
@@ -605,14 +608,14 @@ def _accelerate(
 
 @compiled("boolean(TreeTables, float64[::1], float64[::1], float64[::1], float64[::1])")
 def forward_dynamics(tree: TreeTables, q: Floats1, v: Floats1, tau: Floats1, a: Floats1) -> bool:
-    """Write the accelerations that torques cause.
+    """Write the accelerations caused by torques.
 
     Args:
         tree: The robot.
         q: Positions [rad or m], shape (n,).
         v: Velocities [rad/s or m/s], shape (n,).
         tau: Torques or forces [N m or N], shape (n,).
-        a: Receives M(q)^-1 (tau - C(q, v) v - g(q)), shape (n,) [rad/s^2 or m/s^2].
+        a: Output: M(q)^-1 (tau - C(q, v) v - g(q)), shape (n,) [rad/s^2 or m/s^2].
 
     Returns:
         Whether the vectors have shape (n,) and are within range, M has an inverse, and the tree is not DEEP.
@@ -658,7 +661,7 @@ def forward_dynamics_derivatives(
 ) -> bool:
     """Write the derivatives of the accelerations by q, v and tau, shape (3, n, n); see `forward_dynamics`.
 
-    They are -M^-1 dtau/dq and -M^-1 dtau/dv at the acceleration that tau causes, and M^-1.
+    They are -M^-1 dtau/dq and -M^-1 dtau/dv at the acceleration caused by tau, and M^-1.
     """
     n = tree.above.shape[0]
     if _is_deep(tree, DEEP // 2) or not (in_range(n, q) and in_range(n, v) and in_range(n, tau)):
@@ -666,7 +669,7 @@ def forward_dynamics_derivatives(
     rows, still, a = np.empty(tree.starts[-1]), np.zeros(n), np.empty(n)
     if not _accelerate(tree, q, v, tau, still, rows, a):
         return False
-    _place(tree, q)  # bodies alone, not composite ones
+    _place(tree, q)  # single bodies instead of composite ones
     _differentiate(tree, v, a, still, derivatives)
     for which in range(2):
         for i in range(n):

@@ -1,4 +1,4 @@
-"""Velocity dampers: rows that keep joints in tabulated ranges, and how far pairs stay apart on a path."""
+"""Velocity dampers that keep joints in tabulated ranges, and bounds on the distances of pairs on a path."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from pepper_kin.core.collision.joint_ranges import leaves_range
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Flags1, Flags2, Floats1, Floats2
 
-# Angle kept from the tabulated range [rad].
+# Angle kept from the limits of a tabulated range [rad].
 ANGLE_KEPT = 0.01
 
 
 class PairTable(NamedTuple):
-    """Pairs of bodies that are near, k of them, for n joints.
+    """k nearby pairs of bodies, for n joints.
 
     Attributes:
-        gradients: Of their distances, shape (k, n) [m/rad].
+        gradients: Gradients of the distances, shape (k, n) [m/rad].
         movers: Which joints move each pair, shape (k, n).
         cores: Length of the straight part of each pair, shape (k,) [m].
-        motion_bounds: R: how far a point moves at most for one unit of each joint, shape (n,) [m/rad or 1].
-        spare: By how much the distances may shrink, shape (k,) [m].
+        motion_bounds: R: maximum motion of a point for one unit of each joint, shape (n,) [m/rad or 1].
+        spare: Amount by which the distances may shrink, shape (k,) [m].
     """
 
     gradients: Floats2
@@ -34,26 +34,26 @@ class PairTable(NamedTuple):
 
 @compiled
 def clear_rows(shifts: Floats2, first: int, pairs: PairTable, reach: float, doubts: Flags1) -> int:
-    """Find how far along a path pairs that are not in the table stay away, and which of the table may not.
+    """Find how far along a path pairs outside the table stay away, and which pairs of the table may not.
 
-    By changes dq of position no point moves by more than sum R |dq| over the joints that move a pair.  And
-    the plane between the two bodies, moved along with the first, still parts them after the second has come
-    nearer by no more than
+    For changes dq of position no point moves by more than sum R |dq| over the joints that move a pair.  Also,
+    the plane between the two bodies, moved along with the first, still separates them after the second has
+    come nearer by no more than
 
         -g . dq + w L + w sum(R |dq|) / 2,    w = sum |dq|,
 
-    with L the straight part of the shape (what turning adds) and the last term for second order.  A pair's
-    distance has shrunk by no more than the smaller of both.
+    with L the straight part of the shape (the effect of rotation) and the last term for second order.  A
+    pair's distance shrinks by no more than the smaller of both.
 
     Args:
-        shifts: Positions along the path, shape (m, n) [rad or m].
-        first: Row of `shifts` at which the pairs were measured; dq is counted from there.
+        shifts: Displacements along the path, shape (m, n) [rad or m].
+        first: Row of `shifts` at which the pairs were measured; dq is relative to it.
         pairs: The pairs.
-        reach: By how much distances of pairs that are not in the table may shrink [m].
-        doubts: Written: whether more than a pair's spare may be used up until then, shape (k,).
+        reach: Amount by which distances of pairs outside the table may shrink [m].
+        doubts: Output: whether more than a pair's spare may be used up until then, shape (k,).
 
     Returns:
-        How many rows after `first` no other pair comes too near, -1 where that does not hold at `first`.
+        The number of rows after `first` in which no other pair comes too near, -1 if this fails at `first`.
     """
     bounds, n = pairs.motion_bounds, pairs.motion_bounds.size
     doubts[:] = False
@@ -80,14 +80,14 @@ def clear_rows(shifts: Floats2, first: int, pairs: PairTable, reach: float, doub
 
 
 class RangeTable(NamedTuple):
-    """Curves that one joint keeps on one side of, over another joint.
+    """Curves that bound one joint from one side, as a function of another joint.
 
     Attributes:
-        heads: Both joints, the side (1 above, -1 below), beginning and end of each curve, and the tabulated
-            range that it stands for, shape (k, 6).
+        heads: Both joints, the side (1 above, -1 below), start and end of each curve, and the tabulated range
+            that it stands for, shape (k, 6).
         curves: x and y of all curves, shape (2, total) [rad].
-        table_heads: The ranges, see `collision.joint_ranges`.
-        tables: Their rows, see there.
+        table_heads: Heads of the ranges, see `collision.joint_ranges`.
+        tables: Rows of the ranges, see `collision.joint_ranges`.
     """
 
     heads: Floats2
@@ -98,7 +98,7 @@ class RangeTable(NamedTuple):
 
 @compiled
 def _place(x: Floats1, at: float) -> int:
-    """Return the first place in x, rising, shape (m,), of a number that is not below another."""
+    """Return the first index in x, ascending, shape (m,), of a number that is not below `at`."""
     low, high = 0, x.size
     while low < high:
         middle = (low + high) // 2
@@ -111,7 +111,7 @@ def _place(x: Floats1, at: float) -> int:
 
 @compiled
 def _left(head: Floats1, curves: Floats2, q: Floats1) -> tuple[float, float]:
-    """Return the angle left at q below or above a curve [rad], and the curve's slope there.
+    """Return the angle between q and a curve, negative beyond it [rad], and the curve's slope at q.
 
     Args:
         head: See `RangeTable`, shape (6,).
@@ -129,15 +129,15 @@ def _left(head: Floats1, curves: Floats2, q: Floats1) -> tuple[float, float]:
 def write_range_rows(
     table: RangeTable, q: Floats1, stop: Floats1, gain: float, matrix: Floats2, least: Floats1
 ) -> None:
-    """Write the dampers of all curves, matrix @ v >= least, two rows a curve.
+    """Write the dampers of all curves, matrix @ v >= least, two rows for each curve.
 
     Args:
         table: The curves.
         q: Joint positions, shape (n,) [rad].
-        stop: Where the hardest brake would end, shape (n,) [rad]: the angle left there counts if smaller.
-        gain: Share of the angle that may be used up per second [1/s].
-        matrix: Zeros, shape (2 k, n), written.
-        least: Written, shape (2 k,).
+        stop: Positions after braking at maximum deceleration, shape (n,) [rad]: the smaller angle counts.
+        gain: Maximum ratio of the angle that is used up per second [1/s].
+        matrix: Output, zeros on entry, shape (2 k, n).
+        least: Output, shape (2 k,).
     """
     heads, curves = table.heads, table.curves
     for k in range(heads.shape[0]):
@@ -151,7 +151,7 @@ def write_range_rows(
 
 @compiled
 def _holds_between(table: RangeTable, k: int, q: Floats1, end: Floats1) -> bool:
-    """Return whether the whole rectangle with corners q and `end`, shape (n,), is safe by curve k."""
+    """Return whether the whole rectangle with corners q and `end`, shape (n,), is allowed by curve k."""
     head, curves = table.heads[k], table.curves
     first, second, side = int(head[0]), int(head[1]), head[2]
     x, curve = curves[0, int(head[3]) : int(head[4])], curves[1, int(head[3]) : int(head[4])]
@@ -172,7 +172,7 @@ def entered_range(table: RangeTable, q: Floats1, shifts: Floats2) -> int:
     Args:
         table: The curves and ranges.
         q: Joint positions, shape (n,) [rad].
-        shifts: Positions along the path, from q on, every joint going one way only, shape (m, n) [rad].
+        shifts: Displacements from q along the path, each joint monotonic, shape (m, n) [rad].
     """
     place = np.empty(q.size)
     for k in range(table.heads.shape[0]):
@@ -191,5 +191,6 @@ def entered_range(table: RangeTable, q: Floats1, shifts: Floats2) -> int:
 
 @compiled
 def _write_sum(a: Floats1, b: Floats1, total: Floats1) -> None:
+    """Write a + b, shape (n,) each."""
     for i in range(a.size):
         total[i] = a[i] + b[i]

@@ -1,10 +1,10 @@
 """Dynamics: torques, accelerations, mass, momentum, energy and balance.
 
-    inverse_dynamics, gravity_torque          torques of a motion, and of rest
-    forward_dynamics                          accelerations of torques
+    inverse_dynamics, gravity_torque          torques of a motion, and at rest
+    forward_dynamics                          accelerations caused by torques
     inverse_dynamics_derivatives, InverseDynamicsDerivatives
     forward_dynamics_derivatives, ForwardDynamicsDerivatives
-    newton_euler                              the same as inverse_dynamics, by other code
+    newton_euler                              independent implementation of inverse_dynamics
     external_torque, joint_friction           torques of forces at frames, and of friction
     mass_matrix, inverse_mass_matrix, coriolis_matrix, total_mass
     regressor, inertial_parameters            torques as a linear function of the inertial parameters

@@ -25,8 +25,10 @@ def base_wrench(pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLike) -
 
     With p the linear momentum, L the angular momentum about the center c of the moving mass, m the mass of
     all links with center c_all, and g the gravity vector,
+
         f = dp/dt - m g,   n = dL/dt + c x dp/dt - c_all x m g.
-    Linear in the accelerations.
+
+    The wrench is linear in the accelerations.
 
     Args:
         pepper: The robot.
@@ -61,6 +63,7 @@ def _wrench(pepper: PepperModel, data: Any, q: Array, v: Array, a: Array) -> Arr
 
 @once_for_robot
 def _balance(pepper: PepperModel) -> Callable[[Array, Array], None]:
+    """Return the function that converts the rate of momentum to the floor's wrench, in place."""
     weight = mass_of_some(pepper) * np.array(pepper.inner_model.gravity.linear)
     share, still = share_of_moving(pepper)
     if share > 0.0:

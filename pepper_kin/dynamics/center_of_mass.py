@@ -21,7 +21,8 @@ pinocchio = lazy_module("pinocchio")
 def center_of_mass(pepper: PepperModel, q: ArrayLike) -> Array:
     """Return the center of mass of all links, c = sum(m_i c_i) / sum(m_i).
 
-    Links fixed to the floor count (Pinocchio leaves them out: with the base fixed, Pepper's 16 kg base).
+    Links fixed to the floor are included (Pinocchio leaves them out: with the base fixed, Pepper's 16 kg
+    base).
 
     Args:
         pepper: The robot.
@@ -51,6 +52,7 @@ def center_of_mass(pepper: PepperModel, q: ArrayLike) -> Array:
 
 @once_for_robot
 def _extension(pepper: PepperModel) -> Callable[[Array], None]:
+    """Return the function that converts the moving links' center to that of all links, in place."""
     share, still = share_of_moving(pepper)
     if share > 0.0:
         return partial(center_of_all.native, share, still)
@@ -59,7 +61,7 @@ def _extension(pepper: PepperModel) -> Callable[[Array], None]:
 
 @once_for_robot
 def share_of_moving(pepper: PepperModel) -> tuple[float, Array]:
-    """Return the moving links' share of the mass, and what those fixed to the floor add to the center [m].
+    """Return the mass fraction of the moving links, and the contribution of fixed ones to the center [m].
 
     Raises:
         ModelError: for a robot without mass.
@@ -71,7 +73,8 @@ def share_of_moving(pepper: PepperModel) -> tuple[float, Array]:
 
 @once_for_robot
 def _share(pepper: PepperModel) -> Array:
-    return np.array(share_of_moving(pepper)[0])  # an array multiplies arrays quicker than a number does
+    """Return the mass fraction of the moving links as an array."""
+    return np.array(share_of_moving(pepper)[0])  # an array multiplies arrays faster than a float does
 
 
 def center_of_mass_jacobian(pepper: PepperModel, q: ArrayLike) -> Array:

@@ -15,8 +15,8 @@ pinocchio = lazy_module("pinocchio")
 def coriolis_matrix(pepper: PepperModel, q: ArrayLike, v: ArrayLike) -> NDArray[np.float64]:
     """Return C(q, v) of tau = M(q) a + C(q, v) v + g(q), by Christoffel symbols.
 
-    C_ij = sum_k (dM_ij/dq_k + dM_ik/dq_j - dM_jk/dq_i) v_k / 2; with it dM/dt - 2 C is skew.  Through
-    Pinocchio.  With mimic joints C = E^T C_full E, where q_full = E q + e.
+    C_ij = sum_k (dM_ij/dq_k + dM_ik/dq_j - dM_jk/dq_i) v_k / 2, so that dM/dt - 2 C is skew-symmetric;
+    computed by Pinocchio.  With mimic joints C = E^T C_full E, where q_full = E q + e.
 
     Args:
         pepper: The robot.
@@ -24,7 +24,7 @@ def coriolis_matrix(pepper: PepperModel, q: ArrayLike, v: ArrayLike) -> NDArray[
         v: Joint velocities [rad/s or m/s], shape (..., n).
 
     Returns:
-        C, shape (..., n, n) [N m s/rad and the like].
+        C, shape (..., n, n) [N m s/rad; N s/m or N s between other joints].
 
     Raises:
         InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.

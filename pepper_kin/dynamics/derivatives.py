@@ -23,9 +23,9 @@ class InverseDynamicsDerivatives(NamedTuple):
     """Derivatives of tau(q, v, a), each of shape (..., n, n): rows are torques.
 
     Attributes:
-        dtau_dq: By positions [N m/rad].
-        dtau_dv: By velocities [N m s/rad].
-        dtau_da: By accelerations, M(q) [kg m^2].
+        dtau_dq: Derivatives by positions [N m/rad].
+        dtau_dv: Derivatives by velocities [N m s/rad].
+        dtau_da: Derivatives by accelerations, M(q) [kg m^2].
     """
 
     dtau_dq: Array
@@ -37,9 +37,9 @@ class ForwardDynamicsDerivatives(NamedTuple):
     """Derivatives of a(q, v, tau), each of shape (..., n, n): rows are accelerations.
 
     Attributes:
-        da_dq: By positions [1/s^2].
-        da_dv: By velocities [1/s].
-        da_dtau: By torques, M(q)^-1 [1/(kg m^2)].
+        da_dq: Derivatives by positions [1/s^2].
+        da_dv: Derivatives by velocities [1/s].
+        da_dtau: Derivatives by torques, M(q)^-1 [1/(kg m^2)].
     """
 
     da_dq: Array
@@ -53,14 +53,14 @@ def inverse_dynamics_derivatives(
     """Return the derivatives of tau = M(q) a + C(q, v) v + g(q).
 
     Carpentier and Mansard, Analytical derivatives of rigid body dynamics algorithms (2018).  With mimic
-    joints each is E^T A_full E.
+    joints each matrix is E^T A_full E.
 
     Args:
         pepper: The robot.
         q: Joint positions [rad or m], shape (..., n).
         v: Joint velocities [rad/s or m/s], shape (..., n).
         a: Joint accelerations [rad/s^2 or m/s^2], shape (..., n).
-        solver: "robot", as its `solvers` say; or "compiled", or "pinocchio" as the reference.
+        solver: "robot" for the choice in its `solvers`; or "compiled", or "pinocchio" as the reference.
 
     Returns:
         dtau_dq, dtau_dv and dtau_da, each of shape (..., n, n).
@@ -92,15 +92,15 @@ def forward_dynamics_derivatives(
 ) -> ForwardDynamicsDerivatives:
     """Return the derivatives of a = M(q)^-1 (tau - C(q, v) v - g(q)).
 
-    da/dq = -M^-1 dtau/dq and da/dv = -M^-1 dtau/dv, where the derivatives of inverse dynamics are taken at
-    the acceleration a; da/dtau = M^-1 (Carpentier and Mansard, 2018).
+    da/dq = -M^-1 dtau/dq and da/dv = -M^-1 dtau/dv, where the derivatives of inverse dynamics are evaluated
+    at the acceleration a; da/dtau = M^-1 (Carpentier and Mansard, 2018).
 
     Args:
         pepper: The robot.
         q: Joint positions [rad or m], shape (..., n).
         v: Joint velocities [rad/s or m/s], shape (..., n).
         tau: Joint torques or forces [N m or N], shape (..., n).
-        solver: "robot", as its `solvers` say; or "compiled", or "pinocchio" as the reference.
+        solver: "robot" for the choice in its `solvers`; or "compiled", or "pinocchio" as the reference.
 
     Returns:
         da_dq, da_dv and da_dtau, each of shape (..., n, n).
@@ -122,7 +122,7 @@ def forward_dynamics_derivatives(
         if not pepper.is_coupled:
             model, data = pepper.inner_model, pepper.pinocchio_data
             by = tuple(by.copy() for by in pinocchio.computeABADerivatives(model, data, q, v, tau))
-            if np.isfinite(by[0]).all():  # else a mass matrix has no inverse, which is looked at below
+            if np.isfinite(by[0]).all():  # otherwise a mass matrix has no inverse, which is handled below
                 return by
         inverse = inverse_mass_matrix(pepper, q, solver=solver)
         a = forward_dynamics(pepper, q, v, tau, solver=solver)

@@ -18,7 +18,8 @@ pinocchio = lazy_module("pinocchio")
 def kinetic_energy(pepper: PepperModel, q: ArrayLike, v: ArrayLike) -> Array:
     """Return v^T M(q) v / 2 [J], shape (...).
 
-    By the composite-rigid-body algorithm: Pinocchio's `computeKineticEnergy` takes three times as long.
+    The composite-rigid-body algorithm computes M: Pinocchio's `computeKineticEnergy` takes three times as
+    long.
 
     Args:
         pepper: The robot.
@@ -39,7 +40,7 @@ def kinetic_energy(pepper: PepperModel, q: ArrayLike, v: ArrayLike) -> Array:
 
 
 def potential_energy(pepper: PepperModel, q: ArrayLike) -> Array:
-    """Return -sum(m_i g . c_i) over the moving links [J], shape (...); zero where their center is at z = 0.
+    """Return -sum(m_i g . c_i) over the moving links [J], shape (...); zero if their center is at z = 0.
 
     Args:
         pepper: The robot.
@@ -65,7 +66,7 @@ def _kinetic(pepper: PepperModel, data: Any, q: Array, v: Array) -> Array:
 
 def _potential(pepper: PepperModel, data: Any, q: Array) -> Array:
     """Return the potential energy [J], shape (), at positions of shape (n,)."""
-    # The sum over all links at once: Pinocchio's `computePotentialEnergy` takes four times as long.
+    # The sum over all links at once, since Pinocchio's `computePotentialEnergy` takes four times as long.
     center = pinocchio.centerOfMass(pepper.inner_model, data, q, False)
     weight = _weight(pepper)
     return np.array(0.0 if weight is None else center.dot(weight))
@@ -73,7 +74,7 @@ def _potential(pepper: PepperModel, data: Any, q: Array) -> Array:
 
 @once_for_robot
 def _weight(pepper: PepperModel) -> Array | None:
-    """Return -m g of the moving links [N], shape (3,); None where they have no mass, and so no center."""
+    """Return -m g of the moving links [N], shape (3,); None if they have no mass, and so no center."""
     model = pepper.inner_model
     mass = pinocchio.computeTotalMass(model)
     return np.array(model.gravity.linear) * -mass if mass > 0.0 else None

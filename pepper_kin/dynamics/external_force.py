@@ -50,6 +50,7 @@ def external_torque(pepper: PepperModel, q: ArrayLike, forces: Mapping[str, Arra
 
 
 def _jacobian(pepper: PepperModel, frame: str) -> Callable[[Array], Array]:
+    """Return a function that computes the Jacobian of a frame at one state."""
     model, data, frame_id = pepper.inner_model, pepper.pinocchio_data, pepper.frame_id(frame)
     axes = pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
 

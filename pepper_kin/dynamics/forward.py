@@ -1,4 +1,4 @@
-"""Forward dynamics: the accelerations that torques cause."""
+"""Forward dynamics: the accelerations caused by torques."""
 
 from __future__ import annotations
 
@@ -30,17 +30,17 @@ def forward_dynamics(
 ) -> Array:
     """Return a = M(q)^-1 (tau + sum_k J_k^T f_k - C(q, v) v - g(q)).
 
-    M and bias by composite bodies and recursive Newton-Euler, then M = L^T D L with the zeros of the tree
-    (Featherstone, 2008, section 6.5); by the articulated-body algorithm in Pinocchio.  With mimic joints M is
-    E^T M_full E.
+    M and bias are computed by composite bodies and recursive Newton-Euler, then M = L^T D L with the zeros of
+    the tree (Featherstone, 2008, section 6.5); Pinocchio uses the articulated-body algorithm.  With mimic
+    joints M is E^T M_full E.
 
     Args:
         pepper: The robot.
         q: Joint positions [rad or m], shape (..., n).
         v: Joint velocities [rad/s or m/s], shape (..., n).
         tau: Joint torques or forces [N m or N], shape (..., n).
-        forces: Forces from outside by frame, as `external_torque` takes them.
-        solver: "robot", as its `solvers` say; or "compiled", or "pinocchio" as the reference.
+        forces: External forces by frame, as for `external_torque`.
+        solver: "robot" for the choice in its `solvers`; or "compiled", or "pinocchio" as the reference.
 
     Returns:
         Joint accelerations [rad/s^2 or m/s^2], shape (..., n).
@@ -49,7 +49,7 @@ def forward_dynamics(
         InvalidValueError: for a wrong length, NaN, infinity, batch axes that do not broadcast, or an unknown
             solver.
         UnknownNameError: for a force at a frame that the robot lacks.
-        ModelError: where M has no inverse, naming the joints that move no mass.
+        ModelError: if M has no inverse, naming the joints that move no mass.
     """
     if forces:
         driven = as_joint_vectors(pepper, tau, "tau") + external_torque(pepper, q, forces)
@@ -63,7 +63,7 @@ def forward_dynamics(
         model, data, full_map = pepper.inner_model, pepper.pinocchio_data, pepper.full_map
         if not pepper.is_coupled:
             a = np.asarray(pinocchio.aba(model, data, q, v, tau))
-            if np.isfinite(a).all():  # else a mass matrix has no inverse, which is looked at below
+            if np.isfinite(a).all():  # otherwise a mass matrix has no inverse, which is handled below
                 return a
         q_full, v_full = pepper.to_full(q), pepper.rate_to_full(v)
         upper = np.triu(pinocchio.crba(model, data, q_full))

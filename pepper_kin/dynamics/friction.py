@@ -1,4 +1,4 @@
-"""Joint friction of the description."""
+"""Joint friction from the robot description."""
 
 from __future__ import annotations
 
@@ -12,15 +12,16 @@ from pepper_kin.model.joint_vectors import as_joint_vectors
 def joint_friction(pepper: PepperModel, v: ArrayLike) -> NDArray[np.float64]:
     """Return the torque of friction, d v + c sign(v), from the URDF's `<dynamics damping friction>`.
 
-    The motors need it on top of `inverse_dynamics`; subtract it from their torque before `forward_dynamics`.
+    The motors need it in addition to `inverse_dynamics`; subtract it from their torque before
+    `forward_dynamics`.
 
     Args:
         pepper: The robot.
         v: Joint velocities [rad/s or m/s], shape (..., n).
 
     Returns:
-        Torques or forces [N m or N], shape (..., n); zero where the description gives no friction, as for
-        Pepper, whose vendor publishes none.
+        Torques or forces [N m or N], shape (..., n); zero if the description has no friction, as for Pepper,
+        whose vendor publishes none.
 
     Raises:
         InvalidValueError: for a wrong length, NaN or infinity.
@@ -31,10 +32,10 @@ def joint_friction(pepper: PepperModel, v: ArrayLike) -> NDArray[np.float64]:
 
 
 def friction_coefficients(pepper: PepperModel) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the description's viscous and Coulomb friction of the coordinates.
+    """Return viscous and Coulomb friction of the coordinates, from the robot description.
 
-    Joints that mimic a coordinate rub as well: with v_full = E v, d is the diagonal of E' diag(d_full) E, and
-    c the sum of |E| c_full.
+    Mimic joints of a coordinate add to its friction: with v_full = E v, d is the diagonal of
+    E' diag(d_full) E, and c the sum of |E| c_full.
 
     Args:
         pepper: The robot.

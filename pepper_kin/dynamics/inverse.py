@@ -36,8 +36,8 @@ def inverse_dynamics(
         q: Joint positions [rad or m], shape (..., n).
         v: Joint velocities [rad/s or m/s], shape (..., n).
         a: Joint accelerations [rad/s^2 or m/s^2], shape (..., n).
-        forces: Forces from outside by frame, as `external_torque` takes them.
-        solver: "robot", as its `solvers` say; or "compiled", or "pinocchio" as the reference.
+        forces: External forces by frame, as for `external_torque`.
+        solver: "robot" for the choice in its `solvers`; or "compiled", or "pinocchio" as the reference.
 
     Returns:
         Joint torques or forces [N m or N], shape (..., n).
@@ -68,7 +68,7 @@ def gravity_torque(pepper: PepperModel, q: ArrayLike, *, solver: str = "robot") 
     Args:
         pepper: The robot.
         q: Joint positions [rad or m], shape (..., n).
-        solver: "robot", as its `solvers` say; or "compiled", or "pinocchio" as the reference.
+        solver: "robot" for the choice in its `solvers`; or "compiled", or "pinocchio" as the reference.
 
     Raises:
         InvalidValueError: for a wrong length, NaN or infinity, or an unknown solver.

@@ -20,7 +20,7 @@ pinocchio = lazy_module("pinocchio")
 def joint_masses(pepper: PepperModel) -> Array:
     """Return the mass of the links that move with each joint [kg], shape (joints,), the world's first.
 
-    Joints are those of `moving_tree`; links are added up as Pinocchio does, which is not loaded for it.
+    Joints are those of `moving_tree`; links are summed as Pinocchio does, without importing it.
     """
     changed = pepper.dynamics_model.changed()
     if changed is not None:
@@ -37,13 +37,13 @@ def joint_masses(pepper: PepperModel) -> Array:
 
 @once_for_robot
 def total_mass(pepper: PepperModel) -> float:
-    """Return the mass of all links, those fixed to the floor included [kg]."""
+    """Return the mass of all links, including those fixed to the floor [kg]."""
     model = pepper.inner_model
     return float(model.inertias[0].mass + pinocchio.computeTotalMass(model))
 
 
 def mass_of_some(pepper: PepperModel) -> float:
-    """Return the mass of all links [kg], which has a center.
+    """Return the mass of all links [kg], after a check that it is positive, so that a center exists.
 
     Raises:
         ModelError: for a robot without mass.
@@ -62,7 +62,7 @@ def mass_matrix(pepper: PepperModel, q: ArrayLike, *, solver: str = "robot") -> 
     Args:
         pepper: The robot.
         q: Joint positions [rad or m], shape (..., n).
-        solver: "robot", as its `solvers` say; or "compiled", or "pinocchio" as the reference.
+        solver: "robot" for the choice in its `solvers`; or "compiled", or "pinocchio" as the reference.
 
     Returns:
         M, shape (..., n, n) [kg m^2, kg m or kg].
@@ -84,15 +84,16 @@ def mass_matrix(pepper: PepperModel, q: ArrayLike, *, solver: str = "robot") -> 
 
 
 def inverse_mass_matrix(pepper: PepperModel, q: ArrayLike, *, solver: str = "robot") -> Array:
-    """Return M(q)^-1, symmetric: column j is the motion that a unit torque of joint j causes.
+    """Return M(q)^-1, symmetric: column j is the acceleration caused by a unit torque of joint j.
 
-    From the factors of M, as `forward_dynamics`; by Pinocchio's recursion (Carpentier, Analytical inverse of
-    the joint space inertia matrix, 2018) as the reference.  With mimic joints M = E^T M_full E.
+    It is computed from the factors of M, as in `forward_dynamics`; the reference is Pinocchio's recursion
+    (Carpentier, Analytical inverse of the joint space inertia matrix, 2018).  With mimic joints
+    M = E^T M_full E.
 
     Args:
         pepper: The robot.
         q: Joint positions [rad or m], shape (..., n).
-        solver: "robot", as its `solvers` say; or "compiled", or "pinocchio" as the reference.
+        solver: "robot" for the choice in its `solvers`; or "compiled", or "pinocchio" as the reference.
 
     Returns:
         M^-1, shape (..., n, n).
@@ -123,11 +124,11 @@ def _inverse(pepper: PepperModel, mass: Array) -> Array:
 
 
 def solved(pepper: PepperModel, mass: Array, load: Array) -> Array:
-    """Return M^-1 times a load, shape (n,) or (n, k); NaN where a value overflows.
+    """Return M^-1 times a load, shape (n,) or (n, k); NaN if a value overflows.
 
     Raises:
-        ModelError: where M has no inverse, naming the joints that move no mass, or those that can move
-            against each other without moving any.
+        ModelError: if M has no inverse, naming the joints that move no mass, or those that can move together
+            without moving any mass.
     """
     if not (np.isfinite(mass).all() and np.isfinite(load).all()):
         return np.full_like(load, np.nan)

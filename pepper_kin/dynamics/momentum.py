@@ -22,8 +22,8 @@ pinocchio = lazy_module("pinocchio")
 def centroidal_map(pepper: PepperModel, q: ArrayLike) -> Array:
     """Return A(q), which maps joint velocities to the momentum about the center of mass of all links.
 
-    Orin and Goswami, Centroidal momentum matrix of a humanoid robot (2008); through Pinocchio, whose center
-    is that of the moving links only: the angular part is moved to that of `center_of_mass`.
+    Orin and Goswami, Centroidal momentum matrix of a humanoid robot (2008); computed by Pinocchio, whose
+    center includes only the moving links: the angular part is moved to `center_of_mass`.
 
     Args:
         pepper: The robot.
@@ -47,7 +47,7 @@ def centroidal_map(pepper: PepperModel, q: ArrayLike) -> Array:
 
 def _map(pepper: PepperModel, data: Any, q: Array) -> Array:
     """Return the centroidal map, shape (6, n), at positions of shape (n,)."""
-    # computeCentroidalMap would leave the center of mass as it was; any velocity will do.
+    # computeCentroidalMap would not update the center of mass; any velocity will do.
     matrix: Array = pinocchio.ccrba(pepper.inner_model, data, q, q)
     matrix = matrix.reshape(6, pepper.inner_model.nv)  # Pinocchio drops the axis of a single joint
     _shift(pepper)(pepper.moving_center, matrix.ravel())
@@ -55,9 +55,9 @@ def _map(pepper: PepperModel, data: Any, q: Array) -> Array:
 
 
 def centroidal_inertia(pepper: PepperModel, q: ArrayLike) -> Array:
-    """Return the inertia of all links about their center of mass, as if joints were locked.
+    """Return the inertia of all links about their center of mass, with locked joints.
 
-    Links fixed to the floor count, as in `center_of_mass`.
+    Links fixed to the floor are included, as in `center_of_mass`.
 
     Args:
         pepper: The robot.
@@ -117,8 +117,9 @@ def _momentum(pepper: PepperModel, data: Any, q: Array, v: Array) -> Array:
 
 @once_for_robot
 def _shift(pepper: PepperModel) -> Callable[[Array, Array], None]:
+    """Return the function that moves momenta to the center of all links, in place."""
     still = pepper.inner_model.inertias[0]
     part, center = still.mass / mass_of_some(pepper), np.array(still.lever)
-    if part >= 1.0:  # no mass moves, of which Pinocchio's center is NaN
+    if part >= 1.0:  # no mass moves: Pinocchio's center is NaN
         return lambda _, momentum: momentum.fill(0.0)
     return partial(momentum_about_center_of_all.native, part, center)

@@ -1,8 +1,8 @@
 """Independent Newton-Euler dynamics, as a reference for the other implementations.
 
-Straight from F = m a and tau = I alpha + omega x I omega, link by link, each in its own frame: no spatial
-algebra, no Pinocchio, and its own reading of the URDF.  Plain on purpose.  Of a robot whose `pinocchio_model`
-was changed by hand, which no URDF describes, numbers are read from there.
+It is written directly from F = m a and tau = I alpha + omega x I omega, link by link, each in its own frame,
+without spatial algebra or Pinocchio, and reads the URDF itself.  It is simple on purpose.  For a robot whose
+`pinocchio_model` was changed by hand, which no URDF describes, numbers are read from that model.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from pepper_kin.model import PepperModel, kept_for_robot, robot_digest
 from pepper_kin.model.joint_vectors import as_joint_vectors
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
-_CHUNK = 1000  # states at once, which keeps them in the processor's caches
+_CHUNK = 1000  # states at a time, which fit in the processor's caches
 _VECTOR_BYTES = 32  # as in the kernels that come with the package
 
 
@@ -35,11 +35,11 @@ _AXIS = np.array([0.0, 0.0, 1.0])
 class _Body:
     """A link with the joint that carries it; vectors in its own frame, whose z is the axis of its joint.
 
-    `origin` and `rotation` place it in its parent's frame, with the joint at zero.
+    `origin` and `rotation` are its pose in its parent's frame, with the joint at zero.
     """
 
     parent: int
-    joint: int  # among those that move, -1 where it is fixed
+    joint: int  # index among the moving joints, -1 if fixed
     kind: str  # "revolute" (continuous too), "prismatic" or "fixed"
     origin: Array
     rotation: Array
@@ -49,36 +49,36 @@ class _Body:
 
     @cached_property
     def cross_origin(self) -> Array:
-        """The matrix of origin x."""
+        """Cross-product matrix of the origin, shape (3, 3)."""
         return _skew(self.origin)
 
     @cached_property
     def cross_center(self) -> Array:
-        """The matrix of center x."""
+        """Cross-product matrix of the center, shape (3, 3)."""
         return _skew(self.center)
 
 
 def newton_euler(pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLike, loads: Loads = ()) -> Array:
     """Return the joint torques of a motion, tau = M(q) a + C(q, v) v + g(q).
 
-    Outward: each link's angular velocity omega and acceleration alpha, and the acceleration of its origin,
-    from those of its parent (Craig, Introduction to Robotics, section 6.5).  On each link, F = m (a_c - g)
-    and N = I alpha + omega x I omega.  Inward: forces and moments are summed from the tips to the floor and
-    projected on the joint axes.
+    Forward pass: each link's angular velocity omega and acceleration alpha, and the acceleration of its
+    origin, are computed from its parent's (Craig, Introduction to Robotics, section 6.5).  On each link,
+    F = m (a_c - g) and N = I alpha + omega x I omega.  Backward pass: forces and moments are summed from the
+    tips to the floor and projected on the joint axes.
 
     Args:
         pepper: The robot.
         q: Joint positions [rad or m], shape (..., n).
         v: Joint velocities [rad/s or m/s], shape (..., n).
         a: Joint accelerations [rad/s^2 or m/s^2], shape (..., n).
-        loads: Rigid objects that frames carry; they count like links.
+        loads: Rigid objects fixed to frames; they are treated like links.
 
     Returns:
         Joint torques or forces [N m or N], shape (..., n).
 
     Raises:
         InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
-        UnknownNameError: for a frame of a load that is no link.
+        UnknownNameError: for a load at a frame that is not a link.
     """
     arrays = [as_joint_vectors(pepper, x, name) for x, name in ((q, "q"), (v, "v"), (a, "a"))]
     try:
@@ -95,14 +95,14 @@ def newton_euler(pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLike, 
 
 
 def newton_euler_of_motion(pepper: PepperModel, q: Array, v: Array, a: Array, loads: Loads = ()) -> Array:
-    """Return what `newton_euler` does, of the states of a motion, by machine code of the same recursion.
+    """Return the torques of `newton_euler` for the states of a motion, by machine code of the same recursion.
 
     Args:
         pepper: The robot.
         q: Joint positions [rad or m], shape (T, n).
         v: Joint velocities [rad/s or m/s], shape (T, n).
         a: Joint accelerations [rad/s^2 or m/s^2], shape (T, n).
-        loads: Rigid objects that frames carry.
+        loads: Rigid objects fixed to frames.
 
     Returns:
         Joint torques or forces [N m or N], shape (T, n).
@@ -114,7 +114,7 @@ def newton_euler_of_motion(pepper: PepperModel, q: Array, v: Array, a: Array, lo
 
 @kept_for_robot(most=8)
 def _kernel(pepper: PepperModel, frames: tuple[str, ...]) -> Kernel:
-    """Return the machine code for a robot that carries loads at some frames."""
+    """Return the machine code for a robot with loads at given frames."""
     sources = source_digest("pepper_kin.model", __name__)
     return compile_function(
         lambda: _expression(pepper, frames),
@@ -131,7 +131,7 @@ def _expression(pepper: PepperModel, frames: tuple[str, ...]) -> Any:
     carried = casadi.SX.sym("loads", 10 * len(frames))
     q, v, a = (np.array(casadi.vertsplit(x), dtype=object).reshape(-1, 1) for x in symbols)
     numbers = np.array(casadi.vertsplit(carried), dtype=object).reshape(-1, 10)
-    places = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])  # of the tensor among xx, xy, xz, yy, yz, zz
+    places = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])  # indices of the tensor in xx, xy, xz, yy, yz, zz
     loads = [
         _Carried(frame, own[:1], own[1:4], own[4:][places])
         for frame, own in zip(frames, numbers, strict=True)
@@ -142,7 +142,7 @@ def _expression(pepper: PepperModel, frames: tuple[str, ...]) -> Any:
 
 
 def _of_states(pepper: PepperModel, bodies: tuple[_Body, ...], state: tuple[Array, Array, Array]) -> Array:
-    """Return torques, shape (T, n), of positions, velocities and accelerations of shape (T, n) each."""
+    """Return torques, shape (T, n), for positions, velocities and accelerations of shape (T, n) each."""
     gain, offset = _coupling(pepper)
     changed = pepper.dynamics_model.changed()
     gravity = GRAVITY if changed is None else np.array(changed.gravity.linear)
@@ -154,7 +154,7 @@ def _of_states(pepper: PepperModel, bodies: tuple[_Body, ...], state: tuple[Arra
 
 @kept_for_robot(most=8)
 def _coupling(pepper: PepperModel) -> tuple[Array, Array]:
-    """Return q_joint = gain q + offset of all moving joints, read from the URDF's mimic elements."""
+    """Return gain and offset of q_joint = gain q + offset for all moving joints, from URDF mimic elements."""
     mimics = {}
     moving = []
     for joint in pepper.document.tree.findall("joint"):
@@ -194,19 +194,20 @@ def _frame_about(axis: Array) -> Array:
 
 
 def _vector(element: ET.Element | None, attribute: str, default: str = "0 0 0") -> Array:
+    """Return the numbers of an attribute, or of the default if the element or attribute is missing."""
     text = default if element is None else element.get(attribute, default)
     return np.array([float(value) for value in text.split()])
 
 
 @kept_for_robot(most=8)
 def _bodies(pepper: PepperModel, loads: Loads) -> tuple[_Body, ...]:
-    """Return what `_bodies_with` does, and keep it."""
+    """Return the bodies of `_bodies_with`, cached."""
     carried = [_Carried(load.frame, load.mass, np.array(load.center), load.tensor) for load in loads]
     return _bodies_with(pepper, carried)
 
 
 class _Carried(NamedTuple):
-    """A load: its frame, mass, center, shape (3,), and tensor about that, shape (3, 3); or expressions."""
+    """A load: its frame, mass, center, shape (3,), and inertia about it, shape (3, 3); or expressions."""
 
     frame: str
     mass: Any
@@ -215,7 +216,7 @@ class _Carried(NamedTuple):
 
 
 def _bodies_with(pepper: PepperModel, loads: Sequence[_Carried]) -> tuple[_Body, ...]:
-    """Return the links and loads that count, parents first: what moves, has inertia, or carries such."""
+    """Return the relevant links and loads, parents first: those that move, have inertia, or carry such."""
     changed = pepper.dynamics_model.changed()
     bodies, place, turns = _read_bodies(pepper) if changed is None else _changed_bodies(pepper, changed)
     for load in loads:
@@ -229,7 +230,7 @@ def _bodies_with(pepper: PepperModel, loads: Sequence[_Carried]) -> tuple[_Body,
 
 
 def _read_bodies(pepper: PepperModel) -> tuple[list[_Body], dict[str, int], dict[str, Array]]:
-    """Return the URDF's links, parents first, their places among them, and how their frames are turned."""
+    """Return the URDF's links, parents first, their indices, and the rotations of their frames."""
     root = pepper.document.tree
     links = {str(link.get("name")): link for link in root.findall("link")}
     joints = root.findall("joint")
@@ -253,7 +254,7 @@ def _read_bodies(pepper: PepperModel) -> tuple[list[_Body], dict[str, int], dict
 
 
 def _changed_bodies(pepper: PepperModel, model: Any) -> tuple[list[_Body], dict[str, int], dict[str, Array]]:
-    """Return the same of a `pinocchio.Model` that was changed by hand, and of all frames on its bodies."""
+    """Return bodies, indices and rotations of a `pinocchio.Model` changed by hand, with all its frames."""
     joints = {str(j.get("name")): j for j in pepper.document.tree.findall("joint")}
     moving = [name for name, joint in joints.items() if joint.get("type") != "fixed"]
     own, bodies = [np.eye(3)], []
@@ -297,7 +298,7 @@ def _armature(pepper: PepperModel, model: Any) -> Array:
 def _that_count(bodies: list[_Body]) -> tuple[_Body, ...]:
     """Remove fixed links without inertia and without children, such as sensor frames."""
     keep = [
-        body.inertia.dtype == object  # a load whose numbers are expressions
+        body.inertia.dtype == object  # a load whose numbers are symbolic
         or body.mass > 0
         or body.inertia.any()
         or body.kind != "fixed"
@@ -317,7 +318,7 @@ def _that_count(bodies: list[_Body]) -> tuple[_Body, ...]:
 
 
 def _turn(joint: ET.Element) -> Array:
-    """Return the rotation from the frame in which a link is computed to that of the URDF."""
+    """Return the rotation, shape (3, 3), from the frame used here for a link to the URDF's frame."""
     if joint.get("type") == "fixed":
         return np.eye(3)
     axis = _vector(joint.find("axis"), "xyz", "1 0 0")
@@ -331,10 +332,10 @@ def _body(
     above: Array,
     own: Array,
 ) -> _Body:
-    """Read a link, whose own frame and whose parent's are turned by `own` and `above` from the URDF's.
+    """Read a link, whose own frame and parent frame are rotated by `own` and `above` from the URDF's.
 
-    `ranks` are the places of its parent among the links, and of its joint among those that move.  `above` and
-    `own` are rotations, shape (3, 3).
+    `ranks` are the indices of its parent among the links, and of its joint among the moving joints.  `above`
+    and `own` are rotations, shape (3, 3).
     """
     origin = None if joint is None else joint.find("origin")
     kind = "fixed" if joint is None else str(joint.get("type"))
@@ -372,13 +373,13 @@ def _cross(a: Array, b: Array) -> Array:
 
 
 def _skew(v: Array) -> Array:
-    """Return the matrix of v x, shape (3, 3), of v of shape (3,)."""
+    """Return the cross-product matrix of v, shape (3, 3), for v of shape (3,)."""
     x, y, z = v
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def _turn_back(vectors: Array, cosine: Array, sine: Array) -> None:
-    """Express vectors, shape (..., 3, T), in axes that are turned about z by an angle; in place."""
+    """Express vectors, shape (..., 3, T), in axes rotated about z by an angle, in place."""
     x, y = vectors[..., 0, :], vectors[..., 1, :]
     turned = cosine * x + sine * y
     y *= cosine
@@ -392,15 +393,15 @@ def _torques(
     """Return the torques of all moving joints from their positions, speeds and accelerations, (k, T) each.
 
     `gravity` is the acceleration of free fall [m/s^2], shape (3,).  Coordinates come first and states last,
-    (3, T) for a vector: whole rows at a time are multiplied.  Numbers may be expressions of CasADi.
+    (3, T) for a vector, so that whole rows are multiplied at a time.  Numbers may be CasADi expressions.
     """
     cosine, sine = np.cos(position), np.sin(position)
-    rates: list[Array] = []  # angular velocity and acceleration, and that of the link's origin less gravity
-    squares: list[Array] = []  # of the angular speed
+    rates: list[Array] = []  # angular velocity and acceleration, and the origin's acceleration less gravity
+    squares: list[Array] = []  # squared angular speed
     loads: list[Array] = []  # force that the link needs from its joint, and moment about the link's origin
 
     def turning(i: int, arm: Array, cross: Array) -> Array:
-        """Return alpha x arm + omega x (omega x arm), the acceleration of an arm's end by turning."""
+        """Return alpha x arm + omega x (omega x arm), the acceleration of an arm's end due to rotation."""
         w, dw, _ = rates[i]
         return w * (arm @ w) - cross @ dw - arm[:, None] * squares[i]
 

@@ -1,4 +1,4 @@
-"""The contacts of Pepper's wheels."""
+"""Contact points of Pepper's wheels."""
 
 from __future__ import annotations
 
@@ -6,4 +6,4 @@ from pepper_kin.dynamics.support_polygon import wheel_contacts
 from pepper_kin.model import load_pepper
 
 WHEEL_CONTACTS = tuple((x, y) for x, y in wheel_contacts(load_pepper()).tolist())
-"""Where Pepper's three wheels touch the floor, x and y in `base_footprint` [m], counter-clockwise."""
+"""Contact points of Pepper's three wheels, x and y in `base_footprint` [m], counter-clockwise."""

@@ -16,7 +16,7 @@ def regressor(pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> 
     """Return Y with tau = Y(q, v, a) pi, linear in the inertial parameters pi of `inertial_parameters`.
 
     Atkeson, An and Hollerbach, Estimation of inertial parameters of manipulator loads and links (1986);
-    through Pinocchio.  With mimic joints Y = E^T Y_full.
+    computed by Pinocchio.  With mimic joints Y = E^T Y_full.
 
     Args:
         pepper: The robot.

@@ -1,4 +1,4 @@
-"""The support polygon: where a robot's wheels touch the floor, and how far points lie inside."""
+"""Support polygon of the wheels' contact points, and distances of points from its edges."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pepper_kin.model.requirements import ROBOT, WHEELS, Balance, checked_distan
 
 @kept_for_robot(most=32)
 def support_polygon(pepper: PepperModel) -> Array | None:
-    """Return where the wheels touch the floor, in base coordinates [m], counter-clockwise, shape (3, 2).
+    """Return the contact points of the wheels in base coordinates [m], counter-clockwise, shape (3, 2).
 
     For Pepper (0.09, 0.155), (-0.17, 0), (0.09, -0.155); None for a robot without `WHEELS`.
     """
@@ -23,22 +23,22 @@ def support_polygon(pepper: PepperModel) -> Array | None:
     placed, centers = placed_joints(pepper.document), []
     for wheel in WHEELS:
         link, center = wheel, np.array([0.0, 0.0, 0.0, 1.0])
-        while link in placed:  # no joint that moves a wheel's center is between the base and the wheel
+        while link in placed:  # no joint between the base and a wheel moves the wheel's center
             center, link = placed[link].transform_child_to_parent @ center, placed[link].joint.parent
         centers.append(center[:2])
     return read_only(centers)
 
 
 def checked_balance(pepper: PepperModel, balance: Balance, *, if_wheeled: bool = False) -> float | None:
-    """Return the distance that is kept from the edges of the support polygon [m]; None leaves balance out.
+    """Return the distance kept from the edges of the support polygon [m]; None if balance is not required.
 
     Args:
         pepper: The robot.
-        balance: The distance; "robot" for that of its requirements.
-        if_wheeled: Whether it is left out for a robot without a support polygon, which else is refused.
+        balance: The distance [m]; "robot" for the one of its requirements.
+        if_wheeled: Whether to return None for a robot without a support polygon, instead of refusing it.
 
     Raises:
-        InvalidValueError: for what is no finite distance of 0 or more, or a robot without a support polygon.
+        InvalidValueError: for an invalid distance, or a robot without a support polygon.
     """
     if balance is None:
         return None
@@ -70,13 +70,13 @@ def checked_polygon(contacts: object, quantity: str = "contacts") -> Array:
     """Return the corners of a convex polygon [m], shape (k, 2).
 
     Raises:
-        InvalidValueError: naming the quantity, unless they are those of a convex polygon in counter-clockwise
-            order.
+        InvalidValueError: naming the quantity, unless they are the corners of a convex polygon in
+            counter-clockwise order.
     """
     corners = as_finite(contacts, quantity, (None, 2))  # type: ignore[arg-type]
     sides = np.roll(corners, -1, axis=0) - corners
     turns = cross(sides, np.roll(sides, -1, axis=0))
-    # Two turns of a star are also to the left at each corner; all corners on one side of each line are not.
+    # A star turns left at each corner, too, but its corners are not on one side of each line.
     reach = cross(sides[:, None], corners[None] - corners[:, None])
     if len(corners) < 3 or np.any(turns <= 0) or np.any(reach < -1e-12):
         wanted = "corners of a convex polygon, counter-clockwise, shape (k >= 3, 2)"
@@ -85,26 +85,26 @@ def checked_polygon(contacts: object, quantity: str = "contacts") -> Array:
 
 
 def inward_normals(corners: Array) -> Array:
-    """Return the unit vectors that point inward from each edge, which starts at a corner, shape (k, 2)."""
+    """Return the inward unit normals of the edges, edge i starting at corner i, shape (k, 2)."""
     edge = np.roll(corners, -1, axis=0) - corners
     return np.stack([-edge[:, 1], edge[:, 0]], axis=1) / np.linalg.norm(edge, axis=1)[:, None]
 
 
 def distances_inside(corners: Array, inward: Array, points: Array) -> Array:
-    """Return distances from the lines through the edges [m], negative outside, shape (..., k).
+    """Return signed distances of points from the edges' lines [m], negative outside, shape (..., k).
 
     Args:
-        corners: Of the polygon [m], shape (k, 2).
-        inward: Its `inward_normals`, shape (k, 2).
-        points: In the same coordinates [m], shape (..., 2).
+        corners: Corners of the polygon [m], shape (k, 2).
+        inward: Inward normals of the edges, see `inward_normals`, shape (k, 2).
+        points: Points in the same coordinates [m], shape (..., 2).
     """
     return np.asarray(np.einsum("...ki,ki->...k", points[..., None, :] - corners, inward))
 
 
 def inner_radius(corners: Array) -> float:
-    """Return 2 area / girth of a polygon, shape (k, 2) [m].
+    """Return 2 area / perimeter of a polygon, shape (k, 2) [m].
 
-    It is the radius of the circle inside a triangle; in no polygon is a point farther from all edges.
+    For a triangle, it is the radius of the inscribed circle; in no polygon is a point farther from all edges.
     """
     beside = np.roll(corners, -1, axis=0)
     girth = np.linalg.norm(beside - corners, axis=1).sum()

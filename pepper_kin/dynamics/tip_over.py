@@ -1,4 +1,4 @@
-"""Tip-over margin."""
+"""Tip-over margin: distance of the zero-moment point from the edges of the support polygon."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ def tip_over_margin(
     contacts: ArrayLike | None = None,
     base_frame: str = "base_footprint",
 ) -> Array:
-    """Return how far the zero-moment point lies inside the polygon of the wheels.
+    """Return the distance of the zero-moment point from the edges of the wheels' polygon.
 
-    The smallest distance to a line through two neighboring contacts, counted negative outside: below zero
-    the robot begins to tip over that line.
+    It is the minimum distance to a line through two adjacent contacts, negative outside: if it is negative,
+    the robot starts to tip over that line.
 
     Args:
         pepper: The robot.
@@ -41,17 +41,17 @@ def tip_over_margin(
         v: Joint velocities [rad/s or m/s], shape (..., n).
         a: Joint accelerations [rad/s^2 or m/s^2], shape (..., n).
         contacts: x and y of three or more contacts in the base's frame [m], shape (k, 2), the corners of a
-            convex polygon in counter-clockwise order; those of the robot's wheels if omitted.
-        base_frame: Frame that the contacts move with.
+            convex polygon in counter-clockwise order; the robot's wheels if omitted.
+        base_frame: Frame to which the contacts are fixed.
 
     Returns:
         Margin [m], shape (...).
 
     Raises:
         UnknownNameError: for a base_frame that the robot lacks.
-        InvalidValueError: for contacts that are no such polygon, none for a robot whose wheels are not known,
-            a wrong length, NaN, infinity, or batch axes that do not broadcast.
-        InfeasibleError: where the floor would have to pull.
+        InvalidValueError: for contacts that are not such a polygon, omitted contacts of a robot without known
+            wheels, a wrong length, NaN, infinity, or batch axes that do not broadcast.
+        InfeasibleError: if the floor would have to pull.
     """
     corners = wheel_contacts(pepper) if contacts is None else checked_polygon(contacts)
     point = zero_moment_point(pepper, q, v, a)
@@ -61,6 +61,7 @@ def tip_over_margin(
 
 
 def _pose_of(pepper: PepperModel, frame: str) -> Callable[[Array], Array]:
+    """Return a function that computes the pose of a frame at one state."""
     model, data, frame_id = pepper.inner_model, pepper.pinocchio_data, pepper.frame_id(frame)
 
     def one(q: Array) -> Array:

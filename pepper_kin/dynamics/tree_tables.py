@@ -1,4 +1,4 @@
-"""Tables of a robot for the dynamics of one state in machine code."""
+"""Tables of a robot for machine code that computes the dynamics of one state."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ The functions of this package call `one_state` first, which looks there: that se
 arrays of floats within range; `all_states` serves all others."""
 
 SOLVERS = ("compiled", "pinocchio")
-"""What computes one state: machine code over tables of any robot, or Pinocchio, the reference."""
+"""Solvers of one state: machine code with tables of any robot, or Pinocchio, the reference."""
 
 
 def _by_pinocchio(pepper: PepperModel, solver: str) -> bool:
-    """Return whether Pinocchio is to compute: by name, or since the robot's `solvers` say so.
+    """Return whether Pinocchio computes: chosen by name, or by the robot's `solvers`.
 
     Raises:
         InvalidValueError: for an unknown solver.
@@ -40,12 +40,12 @@ def _by_pinocchio(pepper: PepperModel, solver: str) -> bool:
 
 
 def by_kernel(pepper: PepperModel, solver: str, quantity: str) -> tuple[str] | None:
-    """Return the quantity whose kernel computes many states; None where Pinocchio does, one by one."""
+    """Return the quantity whose kernel computes many states; None if Pinocchio does, one by one."""
     return None if _by_pinocchio(pepper, solver) else (quantity,)
 
 
 def _tables_for(pepper: PepperModel, solver: str) -> TreeTables | None:
-    """Return the tables of a robot; None where Pinocchio is to compute.
+    """Return the tables of a robot for this thread; None if Pinocchio computes.
 
     Raises:
         InvalidValueError: for an unknown solver.
@@ -60,17 +60,17 @@ def _tables_for(pepper: PepperModel, solver: str) -> TreeTables | None:
 
 
 def _with_memory(tables: TreeTables | None) -> TreeTables | None:
-    """Return tables with a workspace of their own."""
+    """Return tables with a separate workspace."""
     return None if tables is None else tables._replace(work=np.empty(work_size(len(tables.links))))
 
 
 def one_state(
     function: CompiledFunction, pepper: PepperModel, solver: str, shape: tuple[int, ...], *state: Any
 ) -> Array | None:
-    """Return a new array, filled by a function of `core.tree_dynamics` for one state.
+    """Return a new array, computed by a function of `core.tree_dynamics` for one state.
 
     Returns:
-        The result; None where its arguments must be converted or refused, or Pinocchio is to compute.
+        The result; None if the arguments must be converted or refused, or Pinocchio computes.
     """
     tables = getattr(pepper.kept.get(TABLES), "tables", None) if solver == "robot" else None
     if tables is None:
@@ -80,7 +80,7 @@ def one_state(
     result = np.empty(shape)
     try:
         return result if function.native(tables, *state, result) else None
-    except TypeError:  # lists, other types of numbers, other numbers of axes, rows that are not contiguous
+    except TypeError:  # lists, other dtypes, another number of dimensions, rows that are not contiguous
         return None
 
 
@@ -90,7 +90,7 @@ def _few_states(
     """Return the results of a few rows in the frequent case: contiguous (count, n) arrays of floats in range.
 
     Returns:
-        The results, shape (count, *shape); None where `over_states` has to convert, refuse or take a kernel.
+        The results, shape (count, *shape); None if `over_states` has to convert, refuse or use a kernel.
     """
     size: tuple[int, ...] = states[0].shape if isinstance(states[0], np.ndarray) else ()
     if len(size) != 2 or not 0 < size[0] < KERNEL_FROM:
@@ -101,7 +101,7 @@ def _few_states(
     results = np.empty((size[0], *shape))
     try:
         done = all(function.native(tables, *row) for row in zip(*states, results, strict=True))
-    except TypeError:  # other types of numbers, rows that are not contiguous
+    except TypeError:  # other dtypes, rows that are not contiguous
         return None
     return results if done else None
 
@@ -115,19 +115,19 @@ def all_states(
     quantity: str,
     **quantities: ArrayLike,
 ) -> Array:
-    """Return a quantity at any states that can be converted, shape (..., *shape).
+    """Return a quantity for any states that can be converted, shape (..., *shape).
 
     Args:
-        function: Of `core.tree_dynamics`.
+        function: Function of `core.tree_dynamics`.
         pepper: The robot.
-        solver: One of SOLVERS.
+        solver: "robot", or one of SOLVERS.
         shape: Shape of the result for one state.
-        reference: The same by Pinocchio: takes (n,) vectors, returns a new array.
-        quantity: Its name in `symbolic.QUANTITIES`.
-        **quantities: Joint vectors, as `batch.over_states` takes them.
+        reference: Function that computes the quantity by Pinocchio from (n,) vectors, as a new array.
+        quantity: Name of the quantity in `symbolic.QUANTITIES`.
+        **quantities: Joint vectors, as for `batch.over_states`.
 
     Raises:
-        InvalidValueError: as `batch.over_states` does.
+        InvalidValueError: for invalid joint vectors, see `batch.over_states`.
     """
     few = _few_states(function, pepper, solver, shape, *quantities.values())
     if few is not None:
@@ -143,7 +143,7 @@ def all_states(
 
 @kept_for_robot(most=1)
 def _tables(pepper: PepperModel) -> TreeTables | None:
-    """Return the tables; None where Pinocchio would refuse the robot for its size, and for debugging."""
+    """Return the tables; None if Pinocchio would refuse the robot for its size, and for debugging."""
     if INTERPRETED or len(pepper.full_offset) > dynamics_model.MOST_COMPUTED:
         return None
     tree, model, full_map = moving_tree(pepper), pepper.inner_model, pepper.full_map
@@ -186,7 +186,7 @@ def _tables(pepper: PepperModel) -> TreeTables | None:
 
 
 def _frame_along(axis: Array) -> Array:
-    """Return a rotation matrix whose third column is an axis, shape (3,)."""
+    """Return a rotation matrix whose third column is a unit axis, shape (3,)."""
     x = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
     x /= np.linalg.norm(x)
     return np.stack([x, np.cross(axis, x), axis], axis=1)
@@ -195,10 +195,10 @@ def _frame_along(axis: Array) -> Array:
 def _elimination_tree(tree: MovingTree, leaders: list[int], n: int) -> list[int]:
     """Return the coordinate above each, -1 for none, when the rows of M are eliminated from the last on.
 
-    Joints are coupled where one carries the other, and so are the coordinates that they follow; eliminating
-    one couples all those that it is coupled to.  What may be coupled to a coordinate stands above it in the
-    tree (Liu, The role of elimination trees in sparse factorization, 1990); without joints that follow others
-    it is the tree of the joints.
+    Joints are coupled if one carries the other, and so are their coordinates; eliminating one couples all
+    coordinates that it is coupled to.  All coordinates that may be coupled to one stand above it in the tree
+    (Liu, The role of elimination trees in sparse factorization, 1990); without mimic joints it is the tree of
+    the joints.
     """
     coupled: list[set[int]] = [set() for _ in range(n)]
     for joint, own in enumerate(leaders, start=1):

@@ -11,7 +11,7 @@ from pepper_kin.model import PepperModel
 
 
 def zero_moment_point(pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> NDArray[np.float64]:
-    """Return the zero-moment point: the point of the floor where its wrench has no horizontal moment.
+    """Return the zero-moment point: the point of the floor where the floor's wrench has no horizontal moment.
 
     With (f, n) the wrench of the floor about the world's origin, zmp = (-n_y, n_x) / f_z.
     Vukobratovic and Borovac, Zero-moment point (2004).
@@ -27,7 +27,7 @@ def zero_moment_point(pepper: PepperModel, q: ArrayLike, v: ArrayLike, a: ArrayL
 
     Raises:
         InvalidValueError: for a wrong length, NaN, infinity, or batch axes that do not broadcast.
-        InfeasibleError: where the floor would have to pull (f_z <= 0): there is no such point.
+        InfeasibleError: if the floor would have to pull (f_z <= 0): there is no such point.
     """
     wrench = base_wrench(pepper, q, v, a)
     vertical = wrench[..., 2]

@@ -3,9 +3,9 @@
     frame_pose, frame_poses, link_poses       homogeneous transforms, shape (..., 4, 4)
     frame_velocity, frame_acceleration        linear first, then angular, shape (..., 6)
     frame_jacobian, frame_jacobian_rate       shape (..., 6, n)
-    manipulability                            how well a frame moves, and its worst direction
+    manipulability                            how well a frame can move in all directions
     named_axes, NamedAxis                     axes of palms, cameras and sensors, by name
-    reach_map, ReachMap                       which points of space a frame reaches
+    reach_map, ReachMap                       positions in space that a frame reaches
 
 Functions of joint vectors take shape (..., n); frames are named as in `pepper.frame_names`.
 """

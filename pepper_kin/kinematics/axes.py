@@ -1,4 +1,4 @@
-"""Pepper's axes by name: of palms, fingers, cameras, sonars and lasers."""
+"""Pepper's axes by name: palms, fingers, cameras, sonars and lasers."""
 
 from __future__ import annotations
 
@@ -42,14 +42,14 @@ _MEANINGS = (
 
 @dataclass(frozen=True, eq=False)
 class NamedAxis:
-    """A direction of the robot that has a meaning; arrays are read-only.
+    """A named direction of the robot; arrays are read-only.
 
     Attributes:
-        name: Such as "left palm".
-        frame: The frame that it is fixed to, a name of `pepper.frame_names`.
-        axis: Which of the frame's axes it is: "+x", "-z", ...
-        meaning: In words.
-        in_frame: Unit vector in the frame, shape (3,): what `ik.AxisAlignment(axis=)` takes.
+        name: Name, such as "left palm".
+        frame: Frame to which it is fixed, a name of `pepper.frame_names`.
+        axis: Axis of the frame: "+x", "-z", ...
+        meaning: Meaning in words.
+        in_frame: Unit vector in the frame, shape (3,), as used by `ik.AxisAlignment(axis=)`.
         origin: Origin of the frame in the world [m], shape (3,).
         direction: Unit vector in the world, shape (3,).
     """
@@ -64,16 +64,16 @@ class NamedAxis:
 
 
 def named_axes(pepper: PepperModel, q: ArrayLike | None = None) -> dict[str, NamedAxis]:
-    """Return the axes of palms, fingers and sensors by name, where they are at a posture.
+    """Return the axes of palms, fingers and sensors by name, at a posture.
 
         palm = pk.kinematics.named_axes(pepper)["left palm"]
         down = pk.ik.AxisAlignment(palm.frame, (0, 0, -1), axis=palm.in_frame)  # a palm on a table
 
-    Optical frames, whose names end in `_optical_frame`, have the same origins as their cameras' and axes of
-    the picture: x to its right, y to its bottom, z the view axis (ROS REP 103).
+    Optical frames, whose names end in `_optical_frame`, have the same origins as their cameras' and the axes
+    of the picture: x to its right, y to its bottom, z the view axis (ROS REP 103).
 
     Args:
-        pepper: Pepper; of another robot those axes whose frames it has.
+        pepper: The robot; for a robot other than Pepper, axes whose frames it lacks are left out.
         q: Joint positions [rad or m], shape (n,); the neutral posture (Stand) if omitted.
 
     Returns:

@@ -1,4 +1,4 @@
-"""Geometry of the wheels, and limits on the base's velocity and acceleration."""
+"""Geometry of the wheels, and limits of the base's velocity and acceleration."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ class BaseGeometry(FrozenArrays):
 
     Attributes:
         wheel_names: Names of the k wheels, three or more.
-        contacts: Where they touch the floor, shape (k, 2) [m].
-        axles: Unit vectors of their axles; a wheel turns positive about it, shape (k, 2).
-        wheel_radius: [m].
-        wheel_speed_limit: [rad/s], inf for none.
-        linear_velocity: Limit of the speed of the base's origin [m/s].
-        angular_velocity: Limit of its turning [rad/s].
-        linear_acceleration: Limit of the change of velocity [m/s^2].
-        angular_acceleration: Limit of the change of turning [rad/s^2].
+        contacts: Contact points with the floor, shape (k, 2) [m].
+        axles: Unit vectors of the axles, about which positive speeds rotate, shape (k, 2).
+        wheel_radius: Radius of the wheels [m].
+        wheel_speed_limit: Maximum speed of the wheels [rad/s], inf for none.
+        linear_velocity: Maximum speed of the base's origin [m/s].
+        angular_velocity: Maximum angular speed of the base [rad/s].
+        linear_acceleration: Maximum linear acceleration [m/s^2].
+        angular_acceleration: Maximum angular acceleration [rad/s^2].
     """
 
     wheel_names: tuple[str, ...]
@@ -71,10 +71,10 @@ class BaseGeometry(FrozenArrays):
 
     @property
     def wheel_map(self) -> Array:
-        """The map from twists to wheel speeds without slip, shape (k, 3) [rad/m, rad/m, 1].
+        """Matrix from twists to wheel speeds without slip, shape (k, 3) [rad/m, rad/m, 1].
 
-        A twist is (v_x, v_y, omega): velocity of the base's origin in its own axes and turning.  A wheel at c
-        with axle a and radius r rolls along t = (a_y, -a_x), and r w = t . (v + omega x c).
+        A twist is (v_x, v_y, omega): velocity of the base's origin in its own axes and angular velocity.  A
+        wheel at c with axle a and radius r rolls along t = (a_y, -a_x), and r w = t . (v + omega x c).
         """
         (x, y), (ax, ay) = self.contacts.T, self.axles.T
         return np.asarray(np.column_stack([ay, -ax, -y * ay - x * ax]) / self.wheel_radius)
@@ -85,8 +85,8 @@ def pepper_base(*, fastest: bool = False) -> BaseGeometry:
     """Return Pepper's base; the numbers and their sources are in `kinematics/data/base.json`.
 
     Args:
-        fastest: Whether velocities and accelerations are the greatest that the maker allows to be commanded,
-            rather than its defaults.
+        fastest: Whether to use the maximum velocities and accelerations that the maker allows to command,
+            instead of its defaults.
     """
     text = (files("pepper_kin.kinematics") / "data" / "base.json").read_text(encoding="utf-8")
     data: dict[str, Any] = json.loads(text)

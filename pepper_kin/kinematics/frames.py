@@ -23,8 +23,8 @@ def frame_pose(pepper: PepperModel, q: ArrayLike, frame: str) -> NDArray[np.floa
         frame: A name of `pepper.frame_names`.
 
     Returns:
-        transform_frame_to_world, shape (..., 4, 4): maps homogeneous coordinates of the frame to those of
-        the world (`base_footprint` of the fixed base: on the floor, x forward, y left, z up) [m].
+        transform_frame_to_world, shape (..., 4, 4): maps homogeneous coordinates of the frame to the world's
+        (`base_footprint` of the fixed base: on the floor, x forward, y left, z up) [m].
 
     Raises:
         UnknownNameError: for a frame that the robot lacks.

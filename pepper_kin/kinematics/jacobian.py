@@ -1,4 +1,4 @@
-"""Frame Jacobians: how joint velocities move a frame."""
+"""Frame Jacobians, which map joint velocities to the velocity of a frame."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ pinocchio = lazy_module("pinocchio")
 def frame_jacobian(pepper: PepperModel, q: ArrayLike, frame: str) -> NDArray[np.float64]:
     """Return the Jacobian J(q) of a frame: (velocity of its origin, angular velocity) = J(q) v.
 
-    Both rows blocks are expressed in world axes at the frame's origin; linear first.
+    Both blocks of rows are in world axes at the frame's origin; linear first.
 
     Args:
         pepper: The robot.

@@ -1,4 +1,4 @@
-"""Manipulability: how isotropically a frame can be moved."""
+"""Manipulability: how well a frame can move in all directions."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ def manipulability(
     joints: str | Sequence[str] | None = None,
     part: str = "position",
 ) -> NDArray[np.float64]:
-    """Return sqrt(det(J J^T)) of a frame: zero at a singularity, where some direction is out of reach.
+    """Return sqrt(det(J J^T)) of a frame: zero at a singularity, where a direction of motion is lost.
 
     Yoshikawa, Manipulability of robotic mechanisms (1985): the volume of the ellipsoid of velocities that
-    joint velocities of norm one can give, up to a constant factor.
+    joint velocities of norm one can produce, up to a constant factor.
 
     Args:
         pepper: The robot.
@@ -35,8 +35,8 @@ def manipulability(
         part: "position" (three directions), "rotation" (three) or "pose" (six).
 
     Returns:
-        Manipulability, shape (...) [m^3, 1 or m^3 for the three parts, per rad^k].  It is zero wherever there
-        are fewer joints than directions.
+        Manipulability, shape (...) [m^3, 1 or m^3 for the three parts, per rad^k].  It is zero if there are
+        fewer joints than directions.
 
     Raises:
         UnknownNameError: for a frame, joint or group that the robot lacks.

@@ -22,9 +22,9 @@ reach_picture = lazy_module("pepper_kin.kinematics.reach_picture")
 
 MOST_SAMPLES = 1_000_000_000
 MOST_VOXELS = 40_000_000
-"""Voxels of a map: as many as a file may hold."""
+"""Maximum number of voxels of a map, which also limits files."""
 CHUNK = 20_000
-"""States at a time: few enough to stay near the processor, many enough for the calls not to matter."""
+"""Number of states at a time: few enough for the processor's caches, many enough to amortize calls."""
 
 _FORMAT = "pepper_kin reach map 1"
 _ARRAYS = {
@@ -37,24 +37,24 @@ _ARRAYS = {
     "samples": ("i", 0),
     "seed": ("i", 0),
 }
-"""Kinds of the numbers in a file, and how many axes they have."""
+"""Kinds of the arrays in a file, and their numbers of dimensions."""
 
 
 @dataclass(frozen=True, eq=False)
 class ReachMap(FrozenArrays):
-    """Voxels reached by a frame's origin.
+    """Voxels reached by the origin of a frame.
 
-    A voxel that was hit can be reached; one that was not may be reachable all the same, more rarely the more
-    samples there are.  Collisions count only where `reach_map` was called with a check.
+    A voxel that was hit is reachable; one that was not hit may be reachable, too, which is the less likely
+    the more samples there are.  Collisions count only if `reach_map` was called with a check.
 
     Attributes:
         frame: Name of the frame.
-        joints: Joints that moved; the others were at Stand.
+        joints: Names of the joints that moved; the others were at Stand.
         origin: (3,) corner of the grid with the smallest coordinates, in the world [m].
         resolution: Edge of a voxel [m].
         counts: (nx, ny, nz) samples in each voxel.
-        best: (nx, ny, nz) largest manipulability for positions found there, sqrt(det(J J^T)) over the joints
-            that moved [m^3]; zero where there is no sample.
+        best: (nx, ny, nz) maximum manipulability of the samples in each voxel, sqrt(det(J J^T)) over the
+            joints that moved [m^3]; zero without samples.
         samples: Number of samples that were drawn; `counts.sum()` of them were valid.
         seed: Seed of the samples.
     """
@@ -78,7 +78,7 @@ class ReachMap(FrozenArrays):
 
     @property
     def volume(self) -> float:
-        """Volume of all voxels that were hit [m^3]: a little too large at the rim, where they stick out."""
+        """Volume of all voxels that were hit [m^3]: slightly too large, as voxels at the rim protrude."""
         return float(np.count_nonzero(self.counts) * self.resolution**3)
 
     @property
@@ -87,20 +87,20 @@ class ReachMap(FrozenArrays):
         return self.origin + (np.argwhere(self.counts > 0) + 0.5) * self.resolution
 
     def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
-        """Return for points [m], shape (..., 3), whether their voxel was hit, shape (...).
+        """Return whether the voxels of points [m], shape (..., 3), were hit, shape (...).
 
         Raises:
             InvalidValueError: for another shape, NaN or infinity.
         """
         array = as_batch(points, "points", (3,))
-        # On the grid of the whole world, as when the map was made: no voxel is missed by rounding.
+        # Indices on the world's grid, as when the map was made, so that rounding cannot miss a voxel.
         place = np.floor(array / self.resolution) - np.round(self.origin / self.resolution)
         inside = np.all((place >= 0) & (place < self.counts.shape), axis=-1)
         index = np.where(inside[..., None], place, 0).astype(int)
         return np.asarray(inside & (self.counts[index[..., 0], index[..., 1], index[..., 2]] > 0))
 
     def report(self) -> str:
-        """Return volume, extent, the best place and which postures counted in words."""
+        """Return volume, extent, the best position and which postures counted, in words."""
         low, high = self.centers.min(axis=0), self.centers.max(axis=0)
         spans = (f"{name} {a:.2f} to {b:.2f}" for name, a, b in zip("xyz", low, high, strict=True))
         top = np.array(np.unravel_index(int(self.best.argmax()), self.best.shape))
@@ -125,14 +125,14 @@ class ReachMap(FrozenArrays):
 
         Args:
             path: PNG file; its folder must exist.
-            title: Above the picture; the frame if omitted.
+            title: Title above the picture; the frame if omitted.
 
         Returns:
             The path.
 
         Raises:
-            MissingDependencyError: where matplotlib is not installed.
-            FileFormatError: where the file cannot be written.
+            MissingDependencyError: if matplotlib is not installed.
+            FileFormatError: if the file cannot be written.
         """
         return Path(reach_picture.save_reach_picture({self.frame if title is None else title: self}, path))
 
@@ -140,16 +140,16 @@ class ReachMap(FrozenArrays):
         """Write the map as a compressed NumPy file, whole or not at all.
 
         Raises:
-            FileFormatError: naming the path and why it cannot be written.
+            FileFormatError: naming the path and the reason.
         """
         return write_arrays(path, {"format": _FORMAT, **{name: getattr(self, name) for name in _ARRAYS}})
 
     @classmethod
     def load(cls, path: str | Path) -> ReachMap:
-        """Read what `save` wrote.
+        """Read a map written by `save`.
 
         Raises:
-            FileFormatError: where the file cannot be read or is not a reach map.
+            FileFormatError: if the file cannot be read or is not a reach map.
         """
         fields = read_kinds(path, _FORMAT, _ARRAYS)
         counts, resolution = fields["counts"], fields["resolution"]
@@ -175,8 +175,8 @@ def reach_map(
 ) -> ReachMap:
     """Sample postures and count the positions of a frame's origin on a grid.
 
-    Positions are drawn uniformly between the limits of each joint (a full turn where there are none).  All
-    postures count, or those that `valid` lets pass, such as those free of collisions:
+    Positions are drawn uniformly between the limits of each joint (a full turn without limits).  All postures
+    count, or those that `valid` accepts, such as collision-free ones:
 
         from pepper_kin.collision.fast import FastChecker
 
@@ -190,16 +190,17 @@ def reach_map(
         samples: Number of postures.
         resolution: Edge of a voxel [m].
         seed: Seed of the postures.
-        valid: Returns which joint positions, shape (k, n) [rad or m], count, shape (k,); all if omitted.
-        progress: Called with the share that is done, from 0 to 1.
+        valid: Function from joint positions, shape (k, n) [rad or m], to whether they count, shape (k,); all
+            count if omitted.
+        progress: Called with the fraction that is done, from 0 to 1.
 
     Returns:
         The map, on a grid with a corner at the world's origin.
 
     Raises:
         UnknownNameError: for a frame, joint or group that the robot lacks.
-        InvalidValueError: for no joint, a number of samples, resolution or seed out of range, another answer
-            of `valid` than booleans of shape (k,), or no posture that is valid.
+        InvalidValueError: for no joint, a number of samples, resolution or seed out of range, a result of
+            `valid` other than booleans of shape (k,), or no valid posture.
     """
     pepper.frame_id(frame)
     names = tuple(sorted(pepper.resolve_joints(joints), key=pepper.joint_index))
@@ -230,7 +231,7 @@ def reach_map(
 
 
 def _checked_answer(answer: NDArray[np.bool_], count: int) -> NDArray[np.bool_]:
-    """Return what `valid` answered as booleans of shape (count,); refuse anything else."""
+    """Return the result of `valid` after a check that it is booleans of shape (count,)."""
     found = np.asarray(answer)
     if found.dtype != bool or found.shape != (count,):
         raise InvalidValueError(
@@ -242,7 +243,7 @@ def _checked_answer(answer: NDArray[np.bool_], count: int) -> NDArray[np.bool_]:
 def _manipulability(pepper: PepperModel, q: Array, frame: str, columns: list[int]) -> Array:
     """Return sqrt(det(J J^T)) of the position Jacobian, shape (N,), at positions q, shape (N, n) [rad or m].
 
-    The 3 x 3 determinant is exact enough for a map, and fast.
+    The 3 x 3 determinant is accurate enough for a map, and fast.
     """
     jacobian = frame_jacobian(pepper, q, frame)[:, :3][:, :, columns]
     x, y, z = np.moveaxis(jacobian @ np.swapaxes(jacobian, 1, 2), 1, 0)
@@ -250,7 +251,7 @@ def _manipulability(pepper: PepperModel, q: Array, frame: str, columns: list[int
 
 
 class _Grid:
-    """Voxels by integer coordinates, in arrays that grow with what is added."""
+    """Voxels by integer coordinates, in arrays that grow as needed."""
 
     def __init__(self, resolution: float) -> None:
         self.resolution = resolution
@@ -259,10 +260,10 @@ class _Grid:
         self.best = np.zeros((0, 0, 0), np.float32)
 
     def add(self, points: Array, values: Array) -> None:
-        """Count the voxels of points, shape (k, 3) [m], and keep the largest value of each.
+        """Count the voxels of points, shape (k, 3) [m], and keep the maximum value of each voxel.
 
         Raises:
-            InvalidValueError: naming the resolution, where there would be more than MOST_VOXELS.
+            InvalidValueError: naming the resolution if more than MOST_VOXELS would be needed.
         """
         with np.errstate(over="ignore"):
             places = np.floor(points / self.resolution)

@@ -1,4 +1,4 @@
-"""A picture of reach maps."""
+"""Pictures of reach maps."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ VIEWS = (("from the side", 1, "x [m]", "z [m]"), ("from above", 2, "x [m]", "y [
 def save_reach_picture(maps: Mapping[str, ReachMap], path: str | Path) -> Path:
     """Draw maps next to one another, from the side and from above.
 
-    Colors show the best manipulability along each line of sight; they are shares of a map's own largest
-    value, since more joints give more manipulability everywhere.
+    Colors show the maximum manipulability along each line of sight, relative to the map's own maximum, since
+    more joints give more manipulability everywhere.
 
     Args:
         maps: Title -> map.
@@ -32,8 +32,8 @@ def save_reach_picture(maps: Mapping[str, ReachMap], path: str | Path) -> Path:
 
     Raises:
         InvalidValueError: for no map.
-        MissingDependencyError: where matplotlib is not installed.
-        FileFormatError: where the file cannot be written.
+        MissingDependencyError: if matplotlib is not installed.
+        FileFormatError: if the file cannot be written.
     """
     if not maps:
         raise InvalidValueError("maps", maps, "at least one map")

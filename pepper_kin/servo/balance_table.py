@@ -1,4 +1,4 @@
-"""A robot on its wheels, as machine code takes it."""
+"""Balance table of a robot on wheels, for machine code."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ BASE = "base_footprint"
 
 
 def balance_table(pepper: PepperModel, margin: float, loads: Loads = ()) -> BalanceTable:
-    """Return the table of a robot.
+    """Return the balance table of a robot.
 
     Args:
         pepper: The robot, with the frame `base_footprint`.
-        margin: What is kept from the edges of the wheels' triangle [m].
-        loads: What it carries.
+        margin: Distance kept from the edges of the wheels' triangle [m].
+        loads: Loads of the robot.
 
     Raises:
         UnknownNameError: for a robot without that frame.
-        InvalidValueError: for one whose wheels are not known.
+        InvalidValueError: for a robot whose wheels are not known.
     """
     pepper.frame_id(BASE)
     corners, tree, model = wheel_contacts(pepper, "balance"), moving_tree(pepper), pepper.inner_model
@@ -45,19 +45,19 @@ def balance_table(pepper: PepperModel, margin: float, loads: Loads = ()) -> Bala
 
 
 def no_balance() -> BalanceTable:
-    """Return the table of a robot whose balance is left out."""
+    """Return the table that disables balance."""
     rows, numbers = np.empty((0, 0)), np.empty(0)
     return BalanceTable(rows, rows, rows, numbers, rows, numbers, rows, rows, numbers, 0.0)
 
 
 def _add(row: np.ndarray, mass: float, center: np.ndarray, tensor: np.ndarray) -> None:
-    """Add a rigid body to a row of masses.
+    """Add a rigid body to a row of inertial numbers.
 
     Args:
-        row: Shape (BODY_MASS,), changed.
-        mass: [kg].
-        center: Its center of mass in the frame of the row [m], shape (3,).
-        tensor: Its inertia about that, in the same axes [kg m^2], shape (3, 3).
+        row: Inertial numbers, changed, shape (BODY_MASS,).
+        mass: Mass [kg].
+        center: Center of mass in the frame of the row [m], shape (3,).
+        tensor: Inertia about the center of mass, in the same axes [kg m^2], shape (3, 3).
     """
     second = np.trace(tensor) / 2 * np.eye(3) - tensor + mass * np.outer(center, center)
     row[0] += mass

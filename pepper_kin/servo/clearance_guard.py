@@ -1,4 +1,4 @@
-"""Keeps the body clear of itself and of the world: what machine code needs for it."""
+"""Data with which machine code avoids self-collisions and collisions with the world."""
 
 from __future__ import annotations
 
@@ -27,29 +27,29 @@ def frame_motion_bounds(pepper: PepperModel) -> Array:
 
 
 class ClearanceGuard:
-    """Velocity dampers on near pairs, and a look along the brake path.
+    """Velocity dampers on nearby pairs, and a check of the braking path.
 
     Damper (Faverjon and Tournassoud, A local based approach for path planning of manipulators with a high
     number of degrees of freedom, 1987): g . v >= -gain max(d - d_min, 0) with g = dd/dq.
-    Pairs nearer than d_min may only part, and are asked to.
+    Pairs nearer than d_min may only separate, and are driven to.
 
     Args:
         pepper: The robot.
         scene: The world; an empty one checks the robot against itself.
         clearance: d_min [m].
-        gain: Share of the free distance that may be used up per second [1/s].
+        gain: Maximum ratio of the free distance that is used up per second [1/s].
 
     Attributes:
         clearance: d_min [m].
-        gain: The same gain.
-        world: The pairs, as machine code takes them, valid as long as the guard.
+        gain: Maximum ratio of the free distance that is used up per second [1/s].
+        world: Pairs for machine code, valid as long as the guard.
     """
 
     def __init__(self, pepper: PepperModel, scene: Scene, clearance: float, gain: float) -> None:
         checker, self.clearance, self.gain = checker_for(pepper, scene), clearance, gain
         tables, count = near_tables(checker), checker.pair_count
         self._names, counts, within = tables.names, np.zeros(2, np.int64), np.zeros(1)
-        # Distances of shapes that machine code does not know are asked again only where they may be near.
+        # Shapes that machine code does not support are measured by coal only where they may be near.
         shapes, (first, second) = tables.near.shapes[:, KIND], tables.near.pairs[:, :2].T
         asked = ~(np.isin(shapes, KNOWN)[first] & np.isin(shapes, KNOWN)[second])
         seen = np.full((int(asked.sum()), 1 + pepper.n), np.inf)
@@ -63,20 +63,20 @@ class ClearanceGuard:
         )  # fmt: skip
 
     def check(self) -> None:
-        """Raise what coal, or the handler of a signal meanwhile, has raised."""
+        """Raise the exception of coal, or of a signal handler, during the last call."""
         error = self._callback.raised()
         if error is not None:
             raise error
 
     def name(self, pair: int) -> str:
-        """Return what keeps two things apart, in words."""
+        """Return the clearance constraint of a pair in words."""
         return "clearance of {} and {}".format(*self._names[pair])
 
 
 def _answer(
     checker: CollisionChecker, counts: NDArray[np.int64], within: Array, states: int, pairs: int, answers: int
 ) -> int:
-    """Measure by coal what machine code does not know, see `OtherMeasures`; return 0."""
+    """Measure pairs that machine code does not support by coal, see `OtherMeasures`; return 0."""
     rows, size = counts.tolist()
     full = checker.pepper.full_offset.size
     configurations, indices = floats_at(states, rows * full).reshape(rows, full), words_at(pairs, size)
@@ -86,7 +86,7 @@ def _answer(
 
 
 def unexamined() -> NearWorld:
-    """Return the world of a robot that is not checked for collisions."""
+    """Return the world of a robot without collision checks."""
     rows, words, numbers = np.empty((0, 0)), np.empty(0, np.int64), np.empty(0)
     table = NearTable(rows, rows, rows, rows, words.reshape(0, 0), numbers, numbers)
     return NearWorld(

@@ -1,4 +1,4 @@
-"""The commands of a servo: targets and twists, each with the tick at which it was given."""
+"""Commands of a servo: targets and twists, each with the tick at which it was set."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from pepper_kin.kinematics import frame_jacobian, frame_pose
 from pepper_kin.model import PepperModel
 from pepper_kin.servo.demand import Demand, task_demand
 
-# A target that moves faster than this has jumped [m/s or rad/s]; one that comes later has rested [s].
+# Speed above which a target counts as having jumped [m/s or rad/s]; pause after which it counts as resting
+# [s].
 FASTEST_DRIFT = 2.0
 LONGEST_PAUSE = 0.1
 
@@ -23,12 +24,12 @@ class Twist(FrozenArrays):
     """A commanded velocity of a hand.
 
     Attributes:
-        frame: The hand's frame.
-        label: The hand, in words.
+        frame: Frame of the hand.
+        label: Name of the hand in words.
         linear: Velocity of the palm [m/s], shape (3,).
         angular: Angular velocity [rad/s], shape (3,); None leaves the orientation free.
-        in_hand_axes: Whether both are given in the hand's axes; else in the world's.
-        tick: When it was given.
+        in_hand_axes: Whether both velocities are in the hand's axes, else in the world's.
+        tick: Tick at which it was set.
     """
 
     frame: str
@@ -51,15 +52,15 @@ class Twist(FrozenArrays):
 
 @dataclass(eq=False)
 class Targets:
-    """Target tasks that may be replaced from tick to tick, and how fast they move.
+    """Target tasks that may be replaced from tick to tick, and their rates of motion.
 
-    With r_old, r_new the residuals of the old and the new target at one configuration, given dt apart, the
+    With r_old, r_new the residuals of the old and the new target at one configuration, set dt apart, the
     target's own motion changes the residual at the rate (r_new - r_old) / dt.  A servo that adds it follows a
-    moving target without lagging behind.  Jumps, pauses and other kinds of tasks count as rest.
+    moving target without lag.  After jumps, pauses or other kinds of tasks the target counts as resting.
 
     Attributes:
-        tasks: The tasks, groups taken apart.
-        tick: When they were given.
+        tasks: The tasks, with groups expanded.
+        tick: Tick at which they were set.
     """
 
     tasks: tuple[Task, ...] = ()
@@ -69,13 +70,13 @@ class Targets:
     _lasting: int = field(default=0, repr=False)
 
     def replace(self, pepper: PepperModel, q: Array, tasks: Sequence[Task], tick: int, dt: float) -> None:
-        """Take new tasks at configuration q, shape (n,) [rad or m]."""
+        """Set new tasks at configuration q, shape (n,) [rad or m]."""
         ticks = tick - self.tick
         alike = [(type(t), t.frame, t.label) for t in tasks] == [
             (type(t), t.frame, t.label) for t in self.tasks
         ]
         if ticks == 0 and alike:
-            # Given twice within a tick: the last one counts, the motion seen so far stays.
+            # Set twice within a tick: the last target counts, with the rate observed so far.
             self.tasks, self._residuals = tuple(tasks), tuple(task.residual(pepper, q) for task in tasks)
             return
         moving = alike and 0 < ticks * dt <= LONGEST_PAUSE
@@ -88,12 +89,12 @@ class Targets:
         self.tasks, self.tick, self._lasting = tuple(tasks), tick, ticks
 
     def demands(self, pepper: PepperModel, q: Array, tick: int) -> list[Demand]:
-        """Return what the tasks ask for; a target that has not come again as expected counts as resting.
+        """Return the demands of the tasks; a target that was not updated as expected counts as resting.
 
         Args:
             pepper: The robot.
             q: Joint positions [rad or m], shape (n,).
-            tick: Number of the tick.
+            tick: Index of the tick.
         """
         moving = tick - self.tick < self._lasting
         known = self._residuals if tick == self.tick else (None,) * len(self.tasks)
@@ -104,6 +105,6 @@ class Targets:
 
 
 def _drift(change: Array, time: float) -> Array | None:
-    """Return change / time [m/s or rad/s] for a change [m or rad], shape (m,); None where it is too fast."""
+    """Return change / time [m/s or rad/s] of a change [m or rad], shape (m,); None if it is too fast."""
     drift: Array = change / time
     return drift if float(np.sqrt(drift @ drift)) <= FASTEST_DRIFT else None

@@ -1,4 +1,4 @@
-"""Joint velocities that a task or a twist demands at one tick."""
+"""Demands on the joint velocities from a task or a twist at one tick."""
 
 from __future__ import annotations
 
@@ -12,18 +12,17 @@ from pepper_kin.model import PepperModel
 
 
 class Demand(NamedTuple):
-    """Wanted: J v = rate, or an approach J v = -s r with a rate s that lets every joint brake in time.
+    """Demand J v = rate, or J v = -s r with a rate of approach s at which every joint can brake in time.
 
     Attributes:
         jacobian: J, shape (m, n).
-        wanted: The residual r of a task [m or rad], or the rate of a twist [m/s or rad/s], shape (m,).
-        drift: How fast a moving target changes the residual by itself [m/s or rad/s], shape (m,); None for
-            one that rests.
+        wanted: Residual r of a task [m or rad], or rate of a twist [m/s or rad/s], shape (m,).
+        drift: Rate of the residual due to a moving target [m/s or rad/s], shape (m,); None for a resting one.
         weight: Weight in the sum of squares.
-        label: What moves, in words.
+        label: Name of the task or hand in words.
         is_task: Whether it is a task.
         is_curved: Whether J changes as joints move.
-        error: The task's error [m or rad]; 0 for a twist.
+        error: Error of the task [m or rad]; 0 for a twist.
     """
 
     jacobian: Array
@@ -38,13 +37,13 @@ class Demand(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Pace:
-    """How demands are turned into velocities.
+    """Parameters that convert demands to velocities.
 
     Attributes:
-        gain: Greatest share of an error that is removed per second [1/s].
-        singularity: Slope [m/rad] under which motion slows down.
+        gain: Maximum ratio of an error that is removed per second [1/s].
+        singularity: Singular value [m/rad] below which motion slows down.
         dt: Length of a tick [s].
-        limits: Of the joints.
+        limits: Limits of the joints.
         joint_scale: d of `motion_scale`, greater for joints that carry more, shape (n,).
     """
 
@@ -64,9 +63,8 @@ def task_demand(
         pepper: The robot.
         task: The task.
         q: Joint positions [rad or m], shape (n,).
-        drift: How fast a moving target changes the residual by itself [m/s or rad/s], shape (m,); None for a
-            target that rests.
-        residual: The task's residual at q [m or rad], shape (m,), where it is known.
+        drift: Rate of the residual due to a moving target [m/s or rad/s], shape (m,); None for a resting one.
+        residual: Residual of the task at q [m or rad], shape (m,), if it is known.
     """
     residual = task.residual(pepper, q) if residual is None else residual
     # A task on the joints themselves is linear.

@@ -1,4 +1,4 @@
-"""The differential inverse kinematics as one plain function."""
+"""Differential inverse kinematics as one plain function."""
 
 from __future__ import annotations
 
@@ -27,21 +27,21 @@ from pepper_kin.servo.motion_limits import motion_limits
 from pepper_kin.servo.servo import GAIN, GAIN_PER_TICK, checked_configuration
 from pepper_kin.servo.stepper import Stepper
 
-# A velocity that exceeds its bounds by less is rounding [rad/s or m/s].
+# Violation of velocity bounds up to which it counts as rounding [rad/s or m/s].
 SLACK = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class DifferentialStep(FrozenArrays):
-    """The answer of `differential_step`.
+    """Result of `differential_step`.
 
     Attributes:
-        v: Velocity to move at for dt [rad/s or m/s], shape (n,), read-only.
+        v: Velocity for the next dt [rad/s or m/s], shape (n,), read-only.
         q: q + dt v [rad or m], shape (n,), read-only.
-        scale: Share of the speed that singularities leave, of the task that suffers most.
-        limited_by: What v touches, in words.
-        relaxed: Limits that were relaxed for braking, in words; joint limits never are.
-        blocked: Whether v only brakes, because nothing else is known to be able to stop clear.
+        scale: Factor by which singularities reduce the speed, of the task that is reduced most.
+        limited_by: Constraints that are active at v, in words.
+        relaxed: Constraints that were relaxed for braking, in words; joint limits never are.
+        blocked: Whether v only brakes, because no other velocity is known to stop without collision.
     """
 
     v: Array
@@ -68,36 +68,36 @@ def differential_step(
     singularity: float = 0.05,
     approach: float = 4.0,
 ) -> DifferentialStep:
-    """Return the joint velocity that moves best towards the tasks during one tick, within every limit.
+    """Return the joint velocity that best moves towards the tasks during one tick, within every limit.
 
     With v' the next velocity, r and J residuals and Jacobians of the tasks, s their rate of approach,
 
         min  sum_i w_i^2 |J_i v' + s_i r_i|^2 + small terms
         |v'| <= v_max,  |v' - v| <= a_max dt,  and v' so low that every joint can brake before its limit
-        dd/dt >= -approach (d - margin) for all near pairs;  balance.
+        dd/dt >= -approach (d - margin) for all nearby pairs;  balance.
 
-    The hardest braking always keeps the first line; violated rows of the second are relaxed and named.
-    `Servo` does the same from tick to tick; use it for loops.
+    Braking at maximum deceleration always satisfies the first line of constraints; violated rows of the
+    second are relaxed and named.  `Servo` does the same from tick to tick; use it for loops.
 
     Args:
         pepper: The robot.
         q: Joint positions within the limits [rad or m], shape (n,).
         v: Velocity of the last tick, from which q can still brake [rad/s or m/s], shape (n,).
         dt: Length of the tick [s].
-        tasks: What to move towards.
-        scene: What stands around the robot, which keeps clear of itself in any case; None for nothing.
-        collisions: Whether collisions are examined; False leaves them out, and the result says so.
+        tasks: Tasks to move towards.
+        scene: The world around the robot, which avoids self-collision in any case; None for none.
+        collisions: Whether collisions are checked; False ignores them, and the result states it.
         margin: Distance kept [m].
-        gain: Greatest share of an error removed per second [1/s]; None: 30, or less for a long dt.
-        locked: Joints and groups that keep still.
+        gain: Maximum ratio of an error removed per second [1/s]; None: 30, or less for a long dt.
+        locked: Joints and groups that do not move.
         balance: Distance that the zero-moment point keeps inside the wheels' triangle [m], whose edges the
-            center of mass comes near ever more slowly; None for no balance.
-        singularity: Slope under which motion slows down [m/rad].
-        approach: Share of the distance to an obstacle that may be used up per second [1/s].
+            center of mass approaches ever more slowly; None for no balance.
+        singularity: Singular value below which motion slows down [m/rad].
+        approach: Maximum ratio of the distance to an obstacle that is used up per second [1/s].
 
     Raises:
         InvalidValueError: for a wrong shape, NaN, infinity or a number that is not allowed.
-        LimitError: for a q outside the limits, a v beyond them, or so fast that the brake comes too late.
+        LimitError: for a q outside the limits, a v beyond them, or so fast that braking comes too late.
         UnknownNameError: for a frame, joint or group that the robot lacks.
     """
     state, last = checked_configuration(pepper, q, "q"), as_joint_vectors(pepper, v, "v")
@@ -136,7 +136,7 @@ def _check_can_brake(pepper: PepperModel, q: Array, v: Array, limits: JointLimit
         pepper: The robot.
         q: Joint positions [rad or m], shape (n,).
         v: The velocity [rad/s or m/s], shape (n,).
-        limits: Of the joints.
+        limits: Limits of the joints.
         dt: Length of a tick [s].
     """
     reach = limits.acceleration * dt

@@ -1,4 +1,4 @@
-"""Limits on position, velocity and acceleration of each joint under a servo."""
+"""Limits of position, velocity and acceleration of each joint under a servo."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pepper_kin.ik.problem import movable_joints
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_real
 
-# The command stays this far inside the robot's limits, so that rounding cannot leave them: relative for
+# Margin of the commands inside the robot's limits, so that rounding cannot exceed them: relative for
 # velocity and acceleration, in rad or m for positions.
 INSIDE = 1e-9
 
@@ -24,17 +24,17 @@ def motion_limits(
     velocity_scale: float = 1.0,
     acceleration_scale: float = 1.0,
 ) -> JointLimits:
-    """Return a robot's limits, or a share of them.
+    """Return a robot's limits, or a ratio of them.
 
     Args:
         pepper: The robot.
-        locked: Joints and groups that keep still.
-        velocity_scale: Share of the velocity limits, above 0 and up to 1.
-        acceleration_scale: Share of the acceleration limits, above 0 and up to 1.
+        locked: Joints and groups that do not move.
+        velocity_scale: Ratio of the velocity limits, above 0 and up to 1.
+        acceleration_scale: Ratio of the acceleration limits, above 0 and up to 1.
 
     Raises:
         UnknownNameError: for an unknown joint or group.
-        InvalidValueError: for a share that is none, or where all joints are locked.
+        InvalidValueError: for a ratio out of range, or if all joints are locked.
     """
     movable = ~movable_joints(pepper, locked, allow_none=True)
     if not movable.any():
@@ -53,6 +53,7 @@ def motion_limits(
 
 
 def _share(quantity: str, value: float) -> float:
+    """Return a ratio after a check that it is above 0 and at most 1."""
     number = as_real(value)
     if not 0 < number <= 1:
         raise InvalidValueError(quantity, value, "a share above 0 and up to 1")

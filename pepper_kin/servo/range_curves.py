@@ -1,4 +1,4 @@
-"""Neighboring bodies without a distance: curves that keep one joint in its range while another moves."""
+"""Curves that keep one joint in its range while another moves, for adjacent bodies without a distance."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from pepper_kin.collision.fast.tables import pack_tables
 from pepper_kin.core.velocity_dampers import RangeTable
 from pepper_kin.model import PepperModel, kept_for_robot
 
-# How far beyond the joint's limits a curve stands for "no matter" or "never" [rad].
+# Distance beyond the joint's limits at which a curve stands for "no bound" or "never free" [rad].
 BEYOND = 0.05
 
 
 class RangeCurves(NamedTuple):
-    """The curves of a robot.
+    """Range curves of a robot.
 
-    Between two rows of a table the tighter one holds, which makes it a staircase; here a row's value is the
+    Between two rows of a table the tighter one applies, which makes it a staircase; here a row's value is the
     tightest of itself and its neighbors, joined by straight lines, which is nowhere looser.  With h the
-    angle left and b = gain max(h - kept, 0), each of the two joints by itself keeps dh/dt >= -b: they may not
-    make up for one another, because they do not brake alike.
+    remaining angle and b = gain max(h - kept, 0), each of the two joints separately keeps dh/dt >= -b: they
+    must not compensate for one another, because they do not brake alike.
 
     Attributes:
-        table: As machine code takes them.
-        names: Of what each keeps apart, in words.
+        table: The curves for machine code.
+        names: Clearance constraint of each curve in words.
     """
 
     table: RangeTable
@@ -35,7 +35,7 @@ class RangeCurves(NamedTuple):
 
 @kept_for_robot(most=32)
 def range_curves(pepper: PepperModel) -> RangeCurves:
-    """Return the curves of a robot, made once."""
+    """Return the curves of a robot, cached."""
     ranges = dependent_ranges(pepper)
     heads, curves, names, place = [], [np.zeros((2, 0))], [], 0
     for number, table in enumerate(ranges):
@@ -58,6 +58,6 @@ def _sides(pepper: PepperModel, table: DependentRange) -> list[tuple[float, Arra
             continue
         padded = np.concatenate([tight[:1], tight, tight[-1:]])
         tight = np.maximum(np.maximum(padded[:-2], padded[1:-1]), padded[2:])
-        # Where a limit of the joint comes first, or nothing is free, it is all one how far beyond it lies.
+        # Where the joint's limit comes first, or nothing is free, the distance beyond it does not matter.
         found.append((side, side * np.clip(tight, side * near - BEYOND, side * far + BEYOND)))
     return found

@@ -1,4 +1,4 @@
-"""A loop that follows moving targets and twists, tick by tick."""
+"""Loop that follows moving targets and twists, tick by tick."""
 
 from __future__ import annotations
 
@@ -30,11 +30,12 @@ from pepper_kin.servo.motion_limits import motion_limits
 from pepper_kin.servo.state import ServoState, ServoStatus
 from pepper_kin.servo.stepper import Stepper, Tick
 
-# Share of an error that is removed per second: at most this, and at most this share of it in one tick.
+# Maximum ratio of an error that is removed per second, and maximum ratio that is removed in one tick.
 GAIN = 30.0
 GAIN_PER_TICK = 0.3
 
-# After a tick that had to brake, approaches to obstacles are slowed; how they recover from tick to tick.
+# Factors on the speed of approach to obstacles: after a tick that had to brake, and for recovery per other
+# tick.
 CAUTION = 0.5
 RECOVERY = 1.05
 
@@ -42,35 +43,36 @@ RECOVERY = 1.05
 class Servo:
     """Follows hands, gaze and postures that move while it runs.
 
-    At every tick the differential inverse kinematics finds the joint velocity that moves best towards the
+    At every tick differential inverse kinematics finds the joint velocity that best moves towards the
     targets; see `differential_step`.  Limits of position, velocity and acceleration hold at every tick, also
-    while it stops: no joint is ever so fast that it could not brake before its limit.  Time is counted in
-    ticks; the caller calls `step` once every 1 / rate seconds and sends `q` to the robot.
+    while it stops: no joint is ever too fast to brake before its limit.  Time is counted in ticks; the caller
+    calls `step` once every 1 / rate seconds and sends `q` to the robot.
 
         servo = Servo(pepper, pepper.posture("Stand"))
         servo.set_target([HandPosition("left", (0.3, 0.2, 0.9)), LookAt((0.3, 0.2, 0.9))])
         state = servo.step()
 
-    The same calls give the same numbers.  A servo belongs to one thread.
+    The same calls give the same results.  A servo belongs to one thread.
 
     Args:
         pepper: The robot.
-        start: Joint positions at rest, where it starts and what it prefers [rad or m], shape (n,).
+        start: Joint positions at rest, where it starts and which it prefers [rad or m], shape (n,).
         rate: Ticks per second [Hz].
-        scene: What stands around the robot, which keeps clear of itself in any case; None for nothing.
-        collisions: Whether collisions are examined; False leaves them out, and every state says so.
+        scene: The world around the robot, which avoids self-collision in any case; None for none.
+        collisions: Whether collisions are checked; False ignores them, and every state says so.
         margin: Distance kept to the scene and between parts of the robot [m]; pairs that are nearer at the
-            start may only part.
-        command_timeout: A command that is older stops counting, and the robot brakes [s]; infinite for never.
-        gain: Greatest share of an error removed per second [1/s]; None: 30, or less at low rates.
-        locked: Joints and groups that keep still.
+            start may only separate.
+        command_timeout: Age from which a command no longer counts, and the robot brakes [s]; infinite for
+            never.
+        gain: Maximum ratio of an error removed per second [1/s]; None: 30, or less at low rates.
+        locked: Joints and groups that do not move.
         balance: Distance that the zero-moment point keeps inside the wheels' triangle [m], whose edges the
-            center of mass comes near ever more slowly; None leaves balance out.
-        velocity_scale: Share of the velocity limits to use, up to 1.
-        acceleration_scale: Share of the acceleration limits to use, up to 1.
-        singularity: Hand (or gaze) motion slows down where a radian of joint motion moves it by less than
-            this [m or rad].
-        approach: Share of the distance to an obstacle that may be used up per second [1/s].
+            center of mass approaches ever more slowly; None for no balance.
+        velocity_scale: Ratio of the velocity limits to use, up to 1.
+        acceleration_scale: Ratio of the acceleration limits to use, up to 1.
+        singularity: Hand (or gaze) motion per radian of joint motion below which motion slows down
+            [m or rad].
+        approach: Maximum ratio of the distance to an obstacle that is used up per second [1/s].
 
     Raises:
         InvalidValueError: for a number that is not allowed, or a start of wrong shape, or with NaN.
@@ -120,7 +122,7 @@ class Servo:
         self._stepper = Stepper(pepper, pace, self._q, guard, self._standing())
         self._v = read_only(np.zeros(pepper.n))
         self._rest, self._idle_from, self._idle = self._q, self._q, np.zeros(pepper.n, dtype=bool)
-        # What is compiled should be so before the first tick.
+        # Compile all machine code before the first tick.
         still = Demand(np.eye(6, pepper.n), np.zeros(6), None, 1.0, "", False, True, 0.0)
         self._stepper.step(self._q, self._v, [still])
         self._tick, self._caution = 0, 1.0
@@ -129,7 +131,7 @@ class Servo:
 
     @property
     def q(self) -> Array:
-        """Joint positions now [rad or m], shape (n,), read-only."""
+        """Present joint positions [rad or m], shape (n,), read-only."""
         return self._q
 
     @property
@@ -139,20 +141,20 @@ class Servo:
 
     @property
     def time(self) -> float:
-        """Ticks done / rate [s]."""
+        """Number of ticks done / rate [s]."""
         return self._tick * self._dt
 
     def set_target(self, tasks: Task | TaskGroup | Iterable[Task | TaskGroup]) -> None:
         """Replace the target tasks.
 
-        Targets given again and again, such as a point that moves, are followed without lag: the servo sees
+        Targets that are set repeatedly, such as a moving point, are followed without lag: the servo derives
         their velocity from one call to the next.
 
         Args:
             tasks: Tasks such as `HandPosition` or `LookAt`, any number of them.
 
         Raises:
-            InvalidValueError: for no task, something that is none, or several targets in one task.
+            InvalidValueError: for no task, an object that is not a task, or several targets in one task.
             UnknownNameError: for a frame or joint that the robot lacks.
         """
         flat = balanced(with_loads(flatten_tasks(self.pepper, tasks), self._loads))
@@ -161,13 +163,13 @@ class Servo:
     def set_twist(
         self, hand: str, linear: ArrayLike, angular: ArrayLike | None = None, axes: str = "world"
     ) -> None:
-        """Command a velocity of a hand, in place of the last one.
+        """Command a velocity of a hand, which replaces the last one.
 
         Args:
             hand: "left" or "right".
             linear: Velocity of the palm [m/s], shape (3,).
             angular: Angular velocity [rad/s], shape (3,); None leaves the orientation free.
-            axes: Axes of both, "world" or "hand".
+            axes: Axes of both velocities, "world" or "hand".
 
         Raises:
             UnknownNameError: for another hand.
@@ -185,12 +187,12 @@ class Servo:
         )
 
     def set_scene(self, scene: Scene | None) -> None:
-        """Replace the world, which may have moved; None leaves the robot alone in it.
+        """Replace the world, which may have moved; None leaves only the robot itself.
 
         The mass of attached objects counts from the next tick on; for targets, from the next `set_target` on.
 
         Raises:
-            InvalidValueError: for something that is no scene, and where collisions are left out.
+            InvalidValueError: for anything but a scene, and for a scene if collisions are ignored.
         """
         self._stepper.guard = self._guard(scene)
         self._loads = loads_of(self.pepper, scene)
@@ -199,11 +201,11 @@ class Servo:
             self._stepper.balance = standing
 
     def stop(self) -> None:
-        """Forget all commands: the next ticks brake."""
+        """Discard all commands, so that the next ticks brake."""
         self._targets, self._twists = Targets(), {}
 
     def step(self) -> ServoState:
-        """Do one tick and return where the robot should be after it."""
+        """Do one tick and return the state that the robot should have after it."""
         demands = self._demands()
         tick = self._stepper.step(self._q, self._v, demands, self._caution)
         self._caution = (
@@ -217,24 +219,27 @@ class Servo:
 
     @property
     def _aside(self) -> tuple[str, ...]:
-        """Idle joints that are far beyond where they became idle and where they rest."""
+        """Idle joints that are far beyond the position where they became idle and their rest position."""
         low, high = np.minimum(self._idle_from, self._rest), np.maximum(self._idle_from, self._rest)
         way = np.maximum(low - self._q, self._q - high)
         return moved_aside(self.pepper, self._idle, way)
 
     def _guard(self, scene: Scene | None) -> ClearanceGuard | None:
+        """Return the guard for a scene; None if collisions are ignored."""
         world = checked_world(scene, self._collisions)
         return None if world is None else ClearanceGuard(self.pepper, world, self._margin, self._approach)
 
     def _standing(self) -> BalanceTable | None:
-        """Return the table of balance with all loads; None where balance is left out."""
+        """Return the balance table with all loads; None if balance is not required."""
         return None if self._balance is None else balance_table(self.pepper, self._balance, self._loads)
 
     def _fresh(self, set_at: int) -> bool:
-        # Half a tick of slack: a time of whole ticks does not depend on rounding.
+        """Return whether a command set at a tick still counts."""
+        # Half a tick of tolerance, so that a timeout of whole ticks does not depend on rounding.
         return (self._tick - set_at + 0.5) * self._dt < self.command_timeout
 
     def _demands(self) -> list[Demand]:
+        """Return the demands of all commands that still count, and discard the others."""
         if self._targets.tasks and not self._fresh(self._targets.tick):
             self._targets = Targets()
         self._twists = {hand: twist for hand, twist in self._twists.items() if self._fresh(twist.tick)}
@@ -242,6 +247,7 @@ class Servo:
         return demands + [twist.demand(self.pepper, self._q) for twist in self._twists.values()]
 
     def _state(self, tick: Tick, demands: list[Demand]) -> ServoState:
+        """Return the state after a tick."""
         tasks = self._targets.tasks
         errors = tuple([demand.error for demand in demands[: len(tasks)]])
         if not demands:

@@ -11,7 +11,7 @@ from pepper_kin.status import ResultStatus
 
 
 class ServoStatus(ResultStatus):
-    """What a servo is doing."""
+    """Activity of a servo."""
 
     FOLLOWING = "following", "It follows the command; nothing to do."
     LIMITED = (
@@ -30,24 +30,24 @@ class ServoStatus(ResultStatus):
 
 @dataclass(frozen=True, eq=False)
 class ServoState(FrozenArrays):
-    """A servo after a tick.
+    """State of a servo after a tick.
 
     Attributes:
         tick: Number of ticks since the start.
         time: tick / rate [s].
         q: Joint positions to command [rad or m], shape (n,), read-only.
         v: Velocity of the tick, (q - last q) rate [rad/s or m/s], shape (n,), read-only.
-        status: What it is doing.
-        scale: Share of the commanded speed that singularities leave, of the task that suffers most, 0 to 1.
-        limited_by: What the velocity touches, in words: "velocity of HeadYaw", "clearance of l_wrist and
-            table", "singularity of left hand".
-        relaxed: Conditions that braking cannot keep and that were relaxed, in words; limits of joint
-            position, velocity and acceleration never do.
-        errors: Error of each target task at the start of the tick [m or rad], in the order of the tasks,
-            groups taken apart.
-        aside: Joints that no target or twist moves and that go out of the way, such as "HeadYaw by 0.12 rad".
-        clearance: Smallest distances at the start of the tick, to obstacles and to itself; inf where nothing
-            is near, None with `collisions=False`.
+        status: Activity of the servo.
+        scale: Factor by which singularities reduce the commanded speed, of the task reduced most, 0 to 1.
+        limited_by: Constraints active at the velocity, in words: "velocity of HeadYaw", "clearance of l_wrist
+            and table", "singularity of left hand".
+        relaxed: Constraints that braking cannot satisfy and that were relaxed, in words; limits of joint
+            position, velocity and acceleration never are.
+        errors: Error of each target task at the start of the tick [m or rad], in the order of the tasks, with
+            groups expanded.
+        aside: Joints that no target or twist moves and that move aside, such as "HeadYaw by 0.12 rad".
+        clearance: Minimum distances at the start of the tick, to obstacles and to itself; inf if nothing is
+            near, None with `collisions=False`.
     """
 
     tick: int
@@ -63,7 +63,7 @@ class ServoState(FrozenArrays):
     clearance: Clearance | None
 
     def report(self) -> str:
-        """Return the state in plain words, one fact a line."""
+        """Return the state in plain words, one fact per line."""
         lines = [f"t = {self.time:.3f} s: {self.status.value}. {self.status.advice}"]
         if self.errors:
             lines.append("errors: " + ", ".join(f"{error:.4f}" for error in self.errors))

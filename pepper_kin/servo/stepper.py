@@ -18,26 +18,26 @@ from pepper_kin.servo.clearance_guard import ClearanceGuard, unexamined
 from pepper_kin.servo.demand import Demand, Pace
 from pepper_kin.servo.range_curves import range_curves
 
-# Names by number, see `core.servo_tick`: of no joint, and of the kinds of bounds.
+# Constraint names by id, see `core.servo_tick`: those of no joint, and the kinds of joint bounds.
 NAMES = ("the solver", "clearance", "balance")
 BOUNDS = ("acceleration", "velocity", "position")
 
 IDLE_SPEED, IDLE_SCALE = 0.3, 10.0
-"""Greatest speed of joints that nothing is wanted of [rad/s or m/s], and their part in D beside others."""
+"""Maximum speed of joints without a demand [rad/s or m/s], and factor on their weight in D."""
 
 
 @dataclass(frozen=True, eq=False)
 class Tick:
-    """What one tick decides.
+    """Decision of one tick.
 
     Attributes:
-        v: The next velocity [rad/s or m/s], shape (n,).
-        scale: Share of the wanted speed that singularities leave, of the demand that suffers most, 0 to 1.
-        limited_by: What v touches, and which demands singularities slow down, in words.
-        relaxed: Limits that were relaxed to keep those of position, velocity and acceleration, in words.
-        blocked: Whether joints brake because nothing else is known to stop clear.
-        idle: Which joints nothing is wanted of, where something is wanted, shape (n,).
-        clearance: Smallest distances before the tick; inf where nothing is near, None where unchecked.
+        v: Next velocity [rad/s or m/s], shape (n,).
+        scale: Factor by which singularities reduce the speed, of the demand that is reduced most, 0 to 1.
+        limited_by: Constraints active at v, and demands that singularities slow down, in words.
+        relaxed: Constraints relaxed to keep the limits of position, velocity and acceleration, in words.
+        blocked: Whether joints brake because no other velocity is known to stop without collision.
+        idle: Which joints have no demand while others have, shape (n,).
+        clearance: Minimum distances before the tick; inf if nothing is near, None if unchecked.
     """
 
     v: Array
@@ -50,17 +50,17 @@ class Tick:
 
 
 class Stepper:
-    """Decides the ticks of one robot by machine code, `core.servo_tick`; which calls coal where it has to.
+    """Decides the ticks of one robot by machine code, `core.servo_tick`, which calls coal if necessary.
 
     Args:
         pepper: The robot.
-        pace: How demands are turned into velocities.
-        rest: Where redundant joints return to [rad or m], shape (n,).
-        guard: Keeps clear; None checks no collisions.
-        balance: Keeps the balance; None leaves it out.
+        pace: Parameters that convert demands to velocities.
+        rest: Positions to which redundant joints return [rad or m], shape (n,).
+        guard: Data to avoid collisions; None checks no collisions.
+        balance: Balance table; None for no balance.
 
     Attributes:
-        balance: The same; may be replaced between ticks.
+        balance: Balance table; may be replaced between ticks.
     """
 
     def __init__(
@@ -83,7 +83,7 @@ class Stepper:
 
     @property
     def guard(self) -> ClearanceGuard | None:
-        """What keeps clear; may be replaced between ticks."""
+        """Data to avoid collisions; may be replaced between ticks."""
         return self._guard
 
     @guard.setter
@@ -93,7 +93,7 @@ class Stepper:
             self._table = self._table._replace(clearance=guard.clearance, approach=guard.gain)
             pairs = len(guard.world.cores)
         rows = pairs + 2 * len(self._table.ranges.heads) + 2 * len(self.balance.corners)
-        # Each bound, row and attempt at a velocity may be named, and rows once more as broken.
+        # Each bound, row and attempt at a velocity may be named once, and rows once more as violated.
         self._numbers = np.empty(2 * self._n + 2 * rows + ATTEMPTS, np.int64)
 
     def step(self, q: Array, v: Array, demands: Sequence[Demand], caution: float = 1.0) -> Tick:
@@ -102,7 +102,7 @@ class Stepper:
         Args:
             q: Joint positions [rad or m], shape (n,).
             v: The last velocity [rad/s or m/s], shape (n,).
-            demands: What is wanted; nothing brakes: as hard as can be, or as balance allows.
+            demands: Demands; without any, the robot brakes as hard as limits and balance allow.
             caution: Factor on the speed of approach to obstacles, up to 1.
         """
         guard, wanted = self._guard, _packed(demands) if demands else self._nothing
@@ -128,7 +128,7 @@ class Stepper:
         )
 
     def _resting(self, idle: NDArray[np.bool_], v: Array) -> ServoTable:
-        """Return the table by which joints that nothing is wanted of, shape (n,), move gently."""
+        """Return the table by which joints without a demand, `idle` of shape (n,), move slowly."""
         table, limits = self._table, self._table.limits
         slow = np.maximum(IDLE_SPEED, np.abs(v) - limits.acceleration * table.dt)
         velocity = np.where(idle, np.minimum(limits.velocity, slow), limits.velocity)
@@ -136,13 +136,13 @@ class Stepper:
         return table._replace(limits=limits._replace(velocity=velocity), scale=scale)
 
     def _name(self, number: int) -> str:
-        """Return what a number stands for, in words, see `core.servo_tick.KINDS`."""
+        """Return the constraint with an id in words, see `core.servo_tick.KINDS`."""
         place = number - len(self._names)
         return self._names[number] if place < 0 or self._guard is None else self._guard.name(place)
 
 
 def _packed(demands: Sequence[Demand]) -> Demands:
-    """Return demands as machine code takes them."""
+    """Return demands as tables for machine code."""
     rest = [np.zeros(d.wanted.size) if d.drift is None else d.drift for d in demands]
     heads = [[d.wanted.size, d.weight, d.is_task, d.is_curved] for d in demands]
     return Demands(

@@ -1,4 +1,4 @@
-"""Collision in machine code, with the verdicts of coal.
+"""Collision checks in machine code, with the verdicts of coal.
 
 Names are loaded at their first use: parts of this package are useful without the rest.
 """

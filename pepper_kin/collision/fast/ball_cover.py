@@ -1,4 +1,4 @@
-"""Balls that cover a solid, and balls inside it."""
+"""Spheres that cover a solid, and spheres inside it."""
 
 from __future__ import annotations
 
@@ -14,29 +14,28 @@ from pepper_kin.core.collision.bounding_balls import ball_around_balls, ball_wit
 from pepper_kin.core.collision.layout import BOX, CLOUD, CYLINDER, HULL
 
 WASTE = 0.008
-"""How much a covering ball may be larger than the capsule that it helps to cover [m]."""
+"""Maximum excess of a covering sphere's radius over the capsule's radius [m]."""
 CELL = 0.11
-"""Boxes and cylinders are cut into cells no longer than this, each of which gets a ball [m]."""
+"""Maximum length of the cells into which boxes and cylinders are divided, with a sphere for each [m]."""
 PROTRUSION = 0.012
-"""Pieces of a hull are halved as long as the ball around one reaches farther out of the hull than this
-[m],"""
+"""Protrusion of a part's sphere out of the hull above which the part is halved [m],"""
 MOST = 7
-"""and there are fewer than this: with six, neighbors of a UR5 are always in doubt, with ten, searches take
+"""up to this number of parts: with six, adjacent links of a UR5 are always in doubt, with ten, searches take
 longer."""
 MOST_INNER = 5
-"""Inner balls that are not about the centers of outer ones, at most."""
+"""Maximum number of inner spheres that are not concentric with outer ones."""
 LEAST_INNER = 0.01
-"""Least radius of these [m]."""
+"""Minimum radius of these additional inner spheres [m]."""
 _ROUNDING = 1e-9
 
 
 class BallCover(NamedTuple):
-    """Balls of one solid.
+    """Covering and inner spheres of one solid.
 
     Attributes:
         centers: (k, 3), in the frame of the joint that carries the solid [m].
-        outer: (k,), radii; the balls together cover the solid, some are there for the inner ones only [m].
-        inner: (k,), radii; each of these balls lies inside the solid; below zero where none does [m].
+        outer: (k,), radii of spheres that together cover the solid; some exist for the inner ones only [m].
+        inner: (k,), radii of concentric spheres inside the solid; negative where there is none [m].
     """
 
     centers: Array
@@ -44,20 +43,20 @@ class BallCover(NamedTuple):
     inner: Array
 
 
-@kept_within(MOST_BYTES / 4, bytes_of)  # the solids of a robot are asked for some twenty times each
+@kept_within(MOST_BYTES / 4, bytes_of)  # the cover of each solid of a robot is requested some twenty times
 def ball_cover(solid: Solid, waste: float = WASTE, cell: float = CELL) -> BallCover:
-    """Cover a solid by balls.
+    """Cover a solid by spheres.
 
-    A capsule of radius r gets k balls with centers on its axis, from one end to the other.  At spacing s they
-    cover it if their radius is sqrt(r^2 + (s / 2)^2), while those of radius r about the same centers lie
-    inside.  A box or a cylinder is cut into cells, each with the ball around it; the largest ball about the
-    cell's center that stays in the solid is the inner one.  The convex hull of points is halved again and
-    again, see `_hull_cover`.
+    A capsule of radius r gets k spheres with centers on its axis, from one end to the other.  At spacing s
+    they cover it if their radius is sqrt(r^2 + (s / 2)^2), while concentric spheres of radius r are inside.
+    A box or a cylinder is divided into cells, each with its bounding sphere; the largest sphere about the
+    cell's center that stays in the solid is the inner one.  The convex hull of points is halved repeatedly,
+    see `_hull_cover`.
 
     Args:
         solid: A solid with bounds.
-        waste: Greatest difference of outer and inner radius of a capsule [m].
-        cell: Greatest length of a cell [m].
+        waste: Maximum difference of outer and inner radius of a capsule [m].
+        cell: Maximum length of a cell [m].
     """
     if solid.kind in (HULL, CLOUD):
         local, outers, inners = _hull_cover(solid.vertices.tobytes())
@@ -88,11 +87,11 @@ def ball_cover(solid: Solid, waste: float = WASTE, cell: float = CELL) -> BallCo
 
 
 def ball_around(points: Array, radii: Array) -> tuple[Array, float]:
-    """Return center, shape (3,), and radius of a small ball that holds balls [m].
+    """Return center, shape (3,), and radius of a small sphere that encloses spheres [m].
 
     Args:
-        points: Centers of the balls [m], shape (k, 3).
-        radii: Their radii [m], shape (k,).
+        points: Centers of the spheres [m], shape (k, 3).
+        radii: Radii of the spheres [m], shape (k,).
     """
     center = np.empty(3)
     return center, ball_around_balls(np.ascontiguousarray(points), radii, center)
@@ -100,19 +99,20 @@ def ball_around(points: Array, radii: Array) -> tuple[Array, float]:
 
 @kept_within(MOST_BYTES / 4, bytes_of)
 def _hull_cover(vertices: bytes) -> tuple[Array, Array, Array]:
-    """Return centers, outer and inner radii of balls for the convex hull of points.
+    """Return centers, outer and inner radii of spheres for the convex hull of points.
 
-    The hull's bounding box is halved across its longest side, the piece first whose ball reaches farthest out
-    of the hull.  The ball around a piece holds the corners of what the box and the hull share: the hull's
-    corners in the box, where the hull's edges pass through the box's faces, and the ends of what the hull
-    leaves of the box's edges.
+    The hull's bounding box is halved across its longest side, starting with the part whose sphere protrudes
+    farthest out of the hull.  The sphere around a part encloses the corners of the intersection of box and
+    hull: the hull's corners in the box, the hull's edges at the box's faces, and the ends of the box's edges
+        within
+    the hull.
     """
     from scipy.spatial import ConvexHull, QhullError
 
     points = np.frombuffer(vertices).reshape(-1, 3)
     try:
         hull = ConvexHull(points)
-    except (QhullError, ValueError):  # all in a plane
+    except (QhullError, ValueError):  # all points are in a plane
         center, radius = ball_around(points, np.zeros(len(points)))
         return center[None], np.array([radius]), np.array([-1.0])
     planes = np.ascontiguousarray(np.unique(np.round(hull.equations, 12), axis=0))
@@ -143,12 +143,12 @@ def _hull_cover(vertices: bytes) -> tuple[Array, Array, Array]:
 
 
 def _deepest(planes: Array, low: Array, high: Array) -> tuple[Array, float]:
-    """Return center, shape (3,), and radius [m] of a large ball inside a hull whose center is in a box.
+    """Return center, shape (3,), and radius [m] of a large sphere inside a hull whose center is in a box.
 
     Args:
         planes: Outward unit normals of the hull's faces and offsets [m], n . x + d <= 0 inside, shape (f, 4).
-        low: Least corner of the box [m], shape (3,).
-        high: Greatest corner of the box [m], shape (3,).
+        low: Minimum corner of the box [m], shape (3,).
+        high: Maximum corner of the box [m], shape (3,).
     """
     center = np.empty(3)
     return center, ball_within_planes(planes, low, high, center) - _ROUNDING
@@ -161,14 +161,14 @@ _ENDS = np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).reshape(3, -1).T
 def _part(
     corners: Array, edges: Array, planes: Array, low: Array, high: Array
 ) -> tuple[Array, float, float, Array, Array]:
-    """Return the ball around what a box and a hull share, its inner radius, and its bounds [m].
+    """Return the bounding sphere of a box and a hull's intersection, its inner radius, and its bounds [m].
 
     Args:
         corners: Corners of the hull [m], shape (c, 3).
-        edges: Both ends of its edges [m], shape (e, 2, 3).
+        edges: Both ends of the hull's edges [m], shape (e, 2, 3).
         planes: Outward unit normals of its faces and offsets [m], n . x + d <= 0 inside, shape (f, 4).
-        low: Least corner of the box [m], shape (3,).
-        high: Greatest corner of the box [m], shape (3,).
+        low: Minimum corner of the box [m], shape (3,).
+        high: Maximum corner of the box [m], shape (3,).
     """
     low, high = low - _ROUNDING, high + _ROUNDING
     found = [corners]

@@ -1,4 +1,4 @@
-"""The tables of a robot's bodies: where they hang, their balls and cores in groups and parts, their pairs."""
+"""Tables of a robot's bodies: their joints, their spheres and cores in groups and parts, their pairs."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ from pepper_kin.symbolic.tree import read_frames
 _BODY = BODY.columns
 
 MOST_BALLS = 8
-"""Balls in a part of a body that has several, unless they are of one solid."""
+"""Maximum number of spheres in a part of a body that has several parts, unless they are of one solid."""
 
 
 class BodyTables:
-    """The tables of bodies, groups, balls, cores and pairs; the world is the last body."""
+    """Tables of bodies, groups, spheres, cores and pairs; the world is the last body."""
 
     def __init__(self, pepper: PepperModel, structure: ComparedParts) -> None:
         self._structure, self._tree = structure, read_frames(pepper, compact=True)
@@ -87,7 +87,7 @@ class BodyTables:
         self.core_bodies = np.repeat(np.arange(count + 1), self._core_counts)
 
     def _local(self, solid: Solid, points: Any) -> Array:
-        """Return points of the frame of a solid's joint in the frame of its body."""
+        """Return points, shape (k, 3), in the frame of a solid's joint converted to the frame of its body."""
         points = np.asarray(points, dtype=float).reshape(-1, 3)
         if solid.joint == 0:
             return points
@@ -95,10 +95,12 @@ class BodyTables:
         return np.asarray((points - alignment.origin) @ alignment.rotation)
 
     def _bounding(self, solids: tuple[Solid, ...]) -> Array:
+        """Return the row of a bounding sphere of solids of one joint."""
         center, radius = bounding_ball(solids)
         return np.array(BALL.row(center=self._local(solids[0], center)[0], outer=radius, inner=NO_INNER))
 
     def _add_body(self, b: int, own: list[int], groups: list[int]) -> None:
+        """Add the spheres, parts and cores of body b, for its solids and its groups."""
         solids = self._structure.solids
         none = np.array(BALL.row(center=np.zeros(3), outer=NO_INNER, inner=NO_INNER))
         self.bodies[b, _BODY.coarse] = len(self._balls)
@@ -111,7 +113,7 @@ class BodyTables:
         for parts, group in zip(cuts, [*groups, -1], strict=False):
             first_part = len(self._parts)
             if len(parts) > 1 and group >= 0:
-                self._parts.append([0] * PART.width)  # the whole group, whose coarse ball comes later
+                self._parts.append([0] * PART.width)  # the whole group, whose coarse sphere is added later
             for part in parts:
                 coarse = self.bodies[b, _BODY.coarse] if alone else len(self._balls)
                 if not alone:
@@ -123,7 +125,7 @@ class BodyTables:
         self._core_counts.append(len(self._cores) - first_core)
 
     def _add_part(self, coarse: int, part: tuple[int, ...]) -> None:
-        """Add a part of a body, with the balls and cores of its solids."""
+        """Add a part of a body, with the spheres and cores of its solids."""
         balls, cores = len(self._balls), len(self._cores)
         for i in part:
             solid, first, first_core = self._structure.solids[i], len(self._balls), len(self._cores)
@@ -138,7 +140,7 @@ class BodyTables:
         self._parts.append(PART.row(coarse=coarse, first_ball=balls, first_core=cores, **ends))
 
     def _cut(self, members: tuple[int, ...]) -> list[tuple[int, ...]]:
-        """Return parts of some solids of a joint, each of few balls that are near one another."""
+        """Return parts of some solids of a joint, each of few spheres that are near one another."""
         solids = [self._structure.solids[i] for i in members]
         if len(members) == 1 or sum(len(ball_cover(solid).outer) for solid in solids) <= MOST_BALLS:
             return [members]
@@ -152,7 +154,7 @@ class BodyTables:
         ]
 
     def _cores_of_solid(self, i: int) -> list[list[float]]:
-        """Return the rows of a solid in CORES: a segment, a box, or its balls as points."""
+        """Return the rows of a solid in CORES: a segment, a box, or its spheres as points."""
         solid = self._structure.solids[i]
         if solid.kind in (HULL, CYLINDER, CLOUD):
             own = BALL.columns
@@ -167,7 +169,7 @@ class BodyTables:
         return [_core(kind, radii, solid.half, center, (turn.T @ solid.rotation).T)]
 
     def _group(self, g: int) -> list[int]:
-        """Return the row of a group, whose coarse ball is added."""
+        """Return the row of a group, whose coarse sphere is added."""
         solids = tuple([self._structure.solids[i] for i in self._structure.groups[g]])
         body = solids[0].joint - 1 if solids[0].joint else len(self._tree.bodies)
         coarse, (first, end) = len(self._balls), self._parts_of[g]
@@ -226,7 +228,7 @@ def _core(kind: int, radii: tuple[float, float], half: Any, center: Array, axes:
 
 
 def full_rows(pepper: PepperModel) -> Array:
-    """Return of each coordinate of the Pinocchio model the one of q on which it depends, gain and offset."""
+    """Return for each coordinate of Pinocchio's model its index in q, gain and offset, shape (n_full, 3)."""
     gains, rows = np.asarray(pepper.full_map), np.zeros((len(pepper.full_offset), 3))
     rows[:, 0] = np.abs(gains).argmax(axis=1)
     rows[:, 1] = gains[np.arange(len(gains)), rows[:, 0].astype(int)]

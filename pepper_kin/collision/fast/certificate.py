@@ -1,4 +1,4 @@
-"""Proof that a whole straight line of configurations is free, not just samples of it."""
+"""Proof that a whole straight line of configurations is collision-free, not only samples of it."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from pepper_kin.arrays import Array
 from pepper_kin.collision.dependent_ranges import DependentRange
 
 DEEPEST = 14
-"""Halvings after which the search for a proof ends."""
+"""Maximum number of halvings in the search for a proof."""
 MOST = 4096
-"""Pieces of a line that may wait for a proof at once."""
+"""Maximum number of intervals of a line that may be without proof at a time."""
 
 
 def certified(
@@ -26,20 +26,20 @@ def certified(
 ) -> bool:
     """Return whether q(t) = a + (b - a) t is proven free for all t in [0, 1].
 
-    Part p of the robot keeps a distance of at least B_p(q) from what it is compared with.  Within a piece of
-    length h around its middle m, that distance changes by at most h / 2 * L_p with
-    L_p = sum_j lever_pj |b_j - a_j|, so that B_p(q(m)) - margin_p > h / 2 * L_p for all p proves the piece.
-    Pieces without proof are halved.  A middle at which some B_p is not above its margin ends the search: no
-    halving helps there.
+    Part p of the robot keeps a distance of at least B_p(q) from the bodies it is compared with.  In an
+    interval of length h around its middle m, that distance changes by at most h / 2 * L_p with
+    L_p = sum_j bound_pj |b_j - a_j|, so that B_p(q(m)) - margin_p > h / 2 * L_p for all p proves the
+    interval. Intervals without proof are halved.  If some B_p at a middle is not above its margin, the search
+    ends: halving does not help there.
 
     Args:
-        bounds_of: Takes (m, n), returns (m, parts) lower bounds [m].
-        ranges: Dependent joint ranges; they are checked exactly.
-        range_margin: Angle that they are narrowed by [rad].
-        motion_bounds: (parts, n) [m/rad, or 1].
-        margins: (parts,) [m].
-        a: (n,) [rad or m].
-        b: (n,) [rad or m].
+        bounds_of: Function from configurations (m, n) to lower bounds (m, parts) [m].
+        ranges: Dependent joint ranges, which are checked exactly.
+        range_margin: Angle by which the ranges are narrowed [rad].
+        motion_bounds: Motion bounds, shape (parts, n) [m/rad, or 1].
+        margins: Margins, shape (parts,) [m].
+        a: Start of the line, shape (n,) [rad or m].
+        b: End of the line, shape (n,) [rad or m].
     """
     if any(leaves_range(table, range_margin, a, b) for table in ranges):
         return False
@@ -68,15 +68,15 @@ def certified(
 def leaves_range(table: DependentRange, margin: float, a: Array, b: Array) -> bool:
     """Return whether a straight line leaves a dependent range anywhere.
 
-    Between two rows of the table the bounds are constant and the line is straight, so that its ends there
-    decide.  The answer is exact except for lines that run along a row of the table, which count with the
-    narrower of both sides.
+    Between two rows of the table the bounds are constant and the line is straight, so that checking its ends
+    there suffices.  The result is exact except for lines that run along a row of the table, for which the
+    narrower of both sides applies.
 
     Args:
         table: The dependent range.
         margin: Angle that the second joint keeps from a contact [rad].
         a: Joint positions at the line's start [rad or m], shape (n,).
-        b: Joint positions at its end [rad or m], shape (n,).
+        b: Joint positions at the line's end [rad or m], shape (n,).
     """
     x0, x1, y0, y1 = a[table.first], b[table.first], a[table.second], b[table.second]
     if table.violated(np.array([a, b]), margin).any():

@@ -1,4 +1,4 @@
-"""The compiled check as Python sees it."""
+"""Python interface of the compiled collision check."""
 
 from __future__ import annotations
 
@@ -40,15 +40,16 @@ TIE = 2
 class FastChecker:
     """Collision of a robot with itself and a scene in machine code, with the verdicts of coal.
 
-    Three stages: tabulated joint ranges; spheres that cover the robot (nothing near: free) and spheres inside
-    it (one touches: contact), several configurations at a time; and for what spheres leave in doubt, the
-    exact shapes.  What is within 3e-6 m of the threshold, and meshes that are not convex, coal decides.
+    The check has three stages: tabulated joint ranges; spheres that cover the robot (no sphere near: free)
+    and spheres inside it (one touches: contact), several configurations at a time; and the exact shapes for
+    pairs that spheres leave in doubt.  Coal decides distances within 3e-6 m of the threshold, and nonconvex
+    meshes.
 
     Args:
         pepper: The robot.
         scene: The world around it; None for none.
-        margin: Distance to the scene below which `in_collision` says yes [m].
-        self_margin: The same for two parts of the robot [m].
+        margin: Distance to the scene below which `in_collision` is true [m].
+        self_margin: Distance between two parts of the robot below which `in_collision` is true [m].
 
     Raises:
         InvalidValueError: for a margin that is not a finite number of 0 or more.
@@ -77,28 +78,28 @@ class FastChecker:
 
     @property
     def supported(self) -> bool:
-        """Whether the compiled check covers the robot's shapes and is wanted; else all is left to coal."""
+        """Whether the compiled check covers the robot's shapes and is enabled; otherwise coal decides all."""
         return self._supported
 
     @property
     def alone(self) -> bool:
-        """Whether nothing but ties is left to coal: all shapes are convex solids."""
+        """Whether only ties are left to coal: all shapes are convex solids."""
         return self._decided
 
     @cached_property
     def resting_margin(self) -> float:
-        """A margin below which nothing is that never moves against the world [m]; inf where nothing is."""
+        """Lower bound of the distance of bodies that never move to the world [m]; inf if there are none."""
         return resting_margin(self._prepared.structure)
 
     def rests_near(self, margin: float) -> bool:
-        """Whether anything that never moves against the world is nearer to it than a margin [m]."""
+        """Return whether a body that never moves is nearer to the world than a margin [m]."""
         return resting_contact(self._prepared, margin)
 
     def in_collision(self, q: ArrayLike, *, threads: int = 1) -> NDArray[np.bool_]:
-        """Whether anything touches, shape (...,), at joint positions q, shape (..., n) [rad or m].
+        """Return whether anything collides, shape (...,), at joint positions q, shape (..., n) [rad or m].
 
         Args:
-            q: Joint positions.
+            q: Joint positions [rad or m], shape (..., n).
             threads: Number of threads that share the configurations; the result does not depend on it.
 
         Raises:
@@ -123,11 +124,13 @@ class FastChecker:
         return touching.reshape(q_all.shape[:-1])
 
     def nearer(self, q: Array, margins: Array) -> NDArray[np.bool_]:
-        """Whether the scene is nearer than `margin`, or two parts of the robot than each state's, shape (m,).
+        """Return whether each state is nearer to the scene, or to itself, than its margins, shape (m,).
+
+        The margin to the scene is the checker's own.
 
         Args:
             q: Joint positions [rad or m], shape (m, n).
-            margins: Between parts of the robot, equal ones best in a row [m], shape (m,).
+            margins: Margins between parts of the robot, best sorted in runs of equal values [m], shape (m,).
         """
         flat, found = _rows(as_joint_vectors(self.pepper, q, "q")), np.full(len(q), TIE, np.uint8)
         if self._resting:
@@ -146,7 +149,7 @@ class FastChecker:
         return found != 0
 
     def doubts(self, q: ArrayLike) -> tuple[int, int]:
-        """Return how many of the configurations q, shape (..., n), are left in doubt by spheres, by all."""
+        """Return how many of the configurations q, shape (..., n), spheres leave in doubt, and all stages."""
         flat = _rows(as_joint_vectors(self.pepper, q, "q").reshape(-1, self.pepper.n))
         if not self.supported:
             return len(flat), len(flat)
@@ -154,16 +157,17 @@ class FastChecker:
         return doubts, int(np.count_nonzero(verdicts == TIE))
 
     def lower_bound(self, q: ArrayLike) -> NDArray[np.float64]:
-        """Return a distance that the robot surely keeps, from itself and the scene.
+        """Return a distance that the robot certainly keeps, from itself and the scene.
 
-        It is never above `CollisionChecker.clearance`, and some millimeters to centimeters below; parts that
+        It is never above `CollisionChecker.clearance`, and some millimeters to centimeters below; pairs that
         are decided by joint ranges do not count.
 
         Args:
             q: Joint positions, shape (..., n) [rad or m].
 
         Returns:
-            Lower bounds [m], shape (...,); what is not above zero says nothing.  inf where nothing can meet.
+            Lower bounds [m], shape (...,); a value that is not positive proves nothing.  inf if nothing can
+            collide.
 
         Raises:
             InvalidValueError: for a q of wrong length, or with NaN or infinity.
@@ -174,16 +178,16 @@ class FastChecker:
         return np.asarray(least.reshape(q_all.shape[:-1]))
 
     def near(self, q: ArrayLike, points: Array, margin: float) -> NDArray[np.bool_]:
-        """Whether points are nearer to the robot, with what it holds, than a distance, shape (k,).
+        """Return whether points are nearer to the robot, with attached objects, than a distance, shape (k,).
 
         Args:
             q: Joint positions, shape (n,) [rad or m].
             points: Points in the world, shape (k, 3), contiguous [m].
-            margin: The distance [m].  Within 3e-6 m of it the answer is yes.
+            margin: The distance [m].  Within 3e-6 m of it the result is True.
 
         Raises:
             InvalidValueError: for a q of wrong shape, or with NaN, or a robot whose shapes the compiled check
-                does not know.
+                does not support.
         """
         state = as_joint_vectors(self.pepper, q, "q")
         if state.ndim != 1:
@@ -196,12 +200,12 @@ class FastChecker:
         return found.view(np.bool_)
 
     def edge_free(self, a: ArrayLike, b: ArrayLike, resolution: float = 0.01) -> bool:
-        """Whether the states on the straight line from a to b are free, both ends included.
+        """Return whether the states on the straight line from a to b are free, both ends included.
 
         Args:
-            a: Joint positions, shape (n,) [rad or m].
-            b: Joint positions, shape (n,).
-            resolution: Greatest change of any joint from one state to the next [rad or m].
+            a: Joint positions at the start, shape (n,) [rad or m].
+            b: Joint positions at the end, shape (n,) [rad or m].
+            resolution: Maximum change of any joint from one state to the next [rad or m].
 
         Raises:
             InvalidValueError: for vectors of wrong length or with NaN or infinity, or a resolution that is
@@ -216,14 +220,14 @@ class FastChecker:
         return not bool(self.in_collision(states).any())
 
     def edge_certified(self, a: ArrayLike, b: ArrayLike) -> bool:
-        """Whether it is proven that all of the straight line from a to b is free, not just samples of it.
+        """Return whether the whole straight line from a to b is proven free, not only samples of it.
 
-        See `certificate.certified`.  False says that no proof was found: an edge that passes something
+        See `certificate.certified`.  False means that no proof was found: an edge that passes something
         within some millimeters may still be free.
 
         Args:
-            a: Joint positions, shape (n,) [rad or m].
-            b: Joint positions, shape (n,).
+            a: Joint positions at the start, shape (n,) [rad or m].
+            b: Joint positions at the end, shape (n,) [rad or m].
 
         Raises:
             InvalidValueError: for vectors of wrong length or with NaN or infinity.
@@ -244,19 +248,19 @@ class FastChecker:
         effort_limits: ArrayLike | None = None,
         loads: StaticLoads | None = None,
     ) -> CompiledValidity:
-        """Return a function in machine code that returns how far an edge is valid; see `CompiledValidity`.
+        """Return a function in machine code that checks the validity of edges; see `CompiledValidity`.
 
         Args:
-            frozen: A whole configuration, shape (n,) [rad or m]; joints that are not free stay there.
-            free: Places of the k joints that move, shape (k,).
-            effort_limits: If given, states are valid only where holding still takes no joint more than this,
+            frozen: Complete configuration, shape (n,) [rad or m]; joints that are not free stay there.
+            free: Indices of the k joints that move, shape (k,).
+            effort_limits: If given, states are valid only if holding still needs no more than these efforts,
                 shape (n,) [N m or N].
-            loads: With limits of effort, what is carried, and edges that the robot must not tip over; None
-                for the robot's own weight.
+            loads: With effort limits, the payload, and edges that the robot must not tip over; None for the
+                robot's own weight.
 
         Raises:
-            InvalidValueError: for vectors of wrong length or with NaN, places that do not exist or repeat, or
-                a robot whose shapes the compiled check does not know.
+            InvalidValueError: for vectors of wrong length or with NaN, indices that do not exist or repeat,
+                or a robot whose shapes the compiled check does not support.
         """
         self._refuse_unknown()
         return compile_validity(self.pepper, self._prepared, frozen, free, effort_limits, loads, self.exact)
@@ -264,17 +268,18 @@ class FastChecker:
     def of_motion(
         self, frozen: Array, free: NDArray[np.int64], effort_limits: Array, loads: StaticLoads
     ) -> CompiledValidity:
-        """Return what `compiled` does, without a look at the arguments, which nobody may change.
+        """Return the result of `compiled` without checking or copying the arguments, which must not change.
 
         Args:
-            frozen: A whole configuration [rad or m], shape (n,).
-            free: Places of the joints that move, shape (k,).
-            effort_limits: What holding still may take of each joint [N m or N], shape (n,).
-            loads: What is carried, and edges that the robot must not tip over.
+            frozen: Complete configuration [rad or m], shape (n,).
+            free: Indices of the joints that move, shape (k,).
+            effort_limits: Maximum effort of each joint while holding still [N m or N], shape (n,).
+            loads: Payload, and edges that the robot must not tip over.
         """
         return trusted_validity(self.pepper, self._prepared, frozen, free, effort_limits, loads, self.exact)
 
     def _refuse_unknown(self) -> None:
+        """Raise an error if the compiled check does not support the robot's shapes."""
         if not self.supported:
             raise InvalidValueError("robot", self.pepper, "collision shapes that are not unbounded")
 
@@ -286,7 +291,7 @@ class FastChecker:
         ).reshape(n)
 
     def _verdict(self, q: Array) -> int:
-        """Return the verdict on one configuration, shape (n,); TIE as well where numbers are not finite."""
+        """Return the verdict on one configuration, shape (n,); TIE also if numbers are not finite."""
         memory = self._prepared.memory()
         try:
             row, status = self._local.one
@@ -314,6 +319,7 @@ class FastChecker:
         return verdicts, sum(doubts)
 
     def _resting_distance(self) -> float:
+        """Return the minimum distance of pairs that never move [m], computed once."""
         if self._still is None:
             self._still = resting_distance(self._prepared.structure)
         return self._still
@@ -321,7 +327,7 @@ class FastChecker:
     def _part_bounds(self, flat: Array) -> Array:
         """Return lower bounds of distances [m] for configurations [rad or m], shape (m, n).
 
-        They have shape (m, parts): one for each class of pairs and for each group to the scene.
+        They have shape (m, parts): one for each class of pairs, and for each group to the scene.
         """
         bounds = np.full((len(flat), len(self._prepared.motion_bounds)), np.inf)
         if not self.supported:
@@ -335,7 +341,7 @@ class FastChecker:
 def fast_checker_for(
     pepper: PepperModel, scene: Scene | None = None, margin: float = 0.0, self_margin: float = 0.0
 ) -> FastChecker:
-    """Return the fast checker of a robot in a scene, built once and kept for the next call."""
+    """Return the fast checker of a robot in a scene, cached for the next call."""
     return _fast_checker_for(pepper, as_on_disk(scene), margin, self_margin)
 
 
@@ -343,10 +349,10 @@ def fast_checker_for(
 def _fast_checker_for(
     pepper: PepperModel, scene: Scene | None, margin: float, self_margin: float
 ) -> FastChecker:
-    """Keep one checker however the arguments are written."""
+    """Return one cached checker for all spellings of the arguments."""
     return FastChecker(pepper, scene, margin, self_margin)
 
 
 def _rows(q: Array) -> Array:
-    """Return joint positions, of any shape, as compiled code takes them: contiguous, and not read-only."""
+    """Return joint positions, of any shape, as compiled code needs them: contiguous and writable."""
     return np.require(q, np.float64, ["C", "W"])

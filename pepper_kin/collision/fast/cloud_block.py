@@ -1,4 +1,4 @@
-"""The block of a cloud: its points in the cells of a grid, and how far each cell is from them."""
+"""Block of a cloud: its points in the cells of a grid, and the distance of each cell from the points."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from pepper_kin.core.collision.clouds import HEAD, build_cloud, extent
 from pepper_kin.kernels.lanes import LANES
 
 MOST_CELLS = 40_000
-"""Cells of a grid, about."""
+"""Approximate maximum number of cells of a grid."""
 EDGE = 0.02
-"""Least edge of a cell [m]."""
+"""Minimum edge of a cell [m]."""
 FIELD = 0.25
-"""Distances to the points of a cloud are resolved up to this, or a little more [m]."""
+"""Distance to the points of a cloud up to which the field is resolved, or slightly more [m]."""
 
 _blocks: WeakKeyDictionary[PointCloud, Array] = WeakKeyDictionary()
 
 
 def cloud_block(cloud: PointCloud) -> Array:
-    """Return the block of a cloud that has points, made once.
+    """Return the block of a cloud that has points, cached.
 
     The frame is the cloud's own, its origin in the middle of the box around the points; see
     `pepper_kin.core.collision.clouds`.
@@ -36,7 +36,7 @@ def cloud_block(cloud: PointCloud) -> Array:
 
 
 def _made(points: Array) -> Array:
-    """Return the block, shape (s,), of a cloud of points [m], shape (k, 3)."""
+    """Return a new block, shape (s,), of a cloud of points [m], shape (k, 3)."""
     middle, half = box_around(points)
     edge, counts = EDGE, _counts(half, EDGE)
     while math.prod(counts) > MOST_CELLS:
@@ -65,7 +65,7 @@ def box_around(points: Array) -> tuple[Array, Array]:
 
 
 def _counts(half: Array, edge: float) -> tuple[int, int, int]:
-    """Return the cells of a row, a multiple of LANES, the rows of a layer and the layers of a grid.
+    """Return the number of cells of a row, a multiple of LANES, of rows of a layer and of layers of a grid.
 
     Args:
         half: Half lengths of the grid [m], shape (3,).

@@ -1,4 +1,4 @@
-"""Validity of edges as a function at an address, for compiled planners."""
+"""Validity of edges as a function that compiled planners call by address."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors
 
 MOST_LIMITED = 32
-"""Choices of free joints of which a robot's blocks are kept."""
+"""Maximum number of choices of free joints for which a robot's blocks are cached."""
 _SIGNATURE = ctypes.CFUNCTYPE(
     ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64, ctypes.c_void_p
 )
@@ -36,14 +36,14 @@ _SIGNATURE = ctypes.CFUNCTYPE(
 
 @dataclass(frozen=True, eq=False)
 class StaticLoads:
-    """What a posture asks of the joints and of the floor, for compiled checks of edges.
+    """Static loads of a posture on the joints and the floor, for compiled checks of edges.
 
     Attributes:
-        kernel: From a configuration and the masses, one vector, to the torques that hold it still, shape
-            (n,), and, where there are edges, the floor's force along z and its moments about x and y.
-        masses: What is carried [kg], shape (m,).
-        edges: What these three are multiplied with, for each edge that the robot could tip over; none of the
-            products may be below zero.  Shape (k, 3).
+        kernel: Kernel from a configuration and the masses, one vector, to the holding torques, shape (n,),
+            and, if there are edges, the floor's force along z and its moments about x and y.
+        masses: Masses of the payload [kg], shape (m,).
+        edges: Factors of the floor's force and moments for each edge that the robot could tip over; no sum of
+            the products may be negative, shape (k, 3).
     """
 
     kernel: Kernel
@@ -52,33 +52,33 @@ class StaticLoads:
 
     @cached_property
     def kind(self) -> tuple[int, int, int]:
-        """What blocks for this and for other loads have in common: the kernel and the lengths."""
+        """Kernel and lengths, which loads must have in common to share blocks."""
         return self.kernel.block_address, self.masses.size, len(self.edges)
 
     def sections(self, effort_limits: Array) -> dict[int, Array]:
-        """Return the sections of a block that hold this, and limits of the torques, shape (n,)."""
+        """Return the sections of a block that hold these loads, and effort limits, shape (n,)."""
         scratch = np.zeros((effort_limits.size + EDGE_NUMBERS) * self.kernel.lanes + self.kernel.work_size)
         return {at.EFFORT: effort_limits, at.LOADS: self.masses, at.EDGES: self.edges, at.GRAVITY: scratch}
 
 
 @dataclass(frozen=True, eq=False)
 class CompiledValidity:
-    """Whether a straight edge is valid, for callers in machine code.
+    """Check of the validity of straight edges, for callers in machine code.
 
     At `address` is `int64 valid_steps(const double* a, const double* b, int64 steps, double* memory)`.  With
-    a and b the values of the k free joints, it looks at `steps` states or a few more, evenly spaced from a,
-    which is not among them, to b, which is, and returns `steps` if all are valid and 0 if one is not.
+    a and b the values of the k free joints, it checks `steps` states or a few more, evenly spaced from a,
+    which is excluded, to b, which is included, and returns `steps` if all are valid and 0 if one is not.
     `memory` is a block of `memory_size` doubles from `new_memory`, one for each thread; the function needs
-    neither the interpreter nor its lock.  A state that is too near to contact for certainty (3e-6 m) is not
-    valid, and a mesh that is not convex counts as its convex hull.
+    neither the interpreter nor its lock.  A state that is too near to contact to decide (3e-6 m) is not
+    valid, and a nonconvex mesh counts as its convex hull.
 
     Attributes:
         address: Address of the function, valid while this object lives.
-        free: Places of the free joints, shape (k,).
-        frozen: Where the others stand, a whole configuration, shape (n,).
-        effort: What holding still may take of each joint, shape (n,) [N m or N].
-        margins: Kept to the scene and between two parts of the robot [m].
-        loads: What is held, and balanced; None where that is not asked for.
+        free: Indices of the free joints, shape (k,).
+        frozen: Positions of the other joints, as a complete configuration, shape (n,).
+        effort: Maximum effort of each joint while holding still, shape (n,) [N m or N].
+        margins: Margins to the scene and between two parts of the robot [m].
+        loads: Loads to hold and to balance; None if they are not checked.
     """
 
     address: int
@@ -94,11 +94,11 @@ class CompiledValidity:
 
     @property
     def memory_size(self) -> int:
-        """Doubles in a block of memory."""
+        """Number of doubles in a block of memory."""
         return self._whole().size
 
     def new_memory(self) -> Array:
-        """Return a block of memory for one thread, shape (memory_size,), at a multiple of 64 bytes."""
+        """Return a block of memory for one thread, shape (memory_size,), aligned to 64 bytes."""
         memory = at.aligned_copy(self._whole())
         self._begin(memory)
         return self._named(memory)
@@ -112,9 +112,9 @@ class CompiledValidity:
 
     @cached_property
     def blocked(self) -> bool:
-        """Whether something that the free joints do not move is nearer than the margins.
+        """Whether a body that the free joints do not move is nearer than the margins.
 
-        Where machine code cannot tell, coal decides on all of `frozen`.
+        Where machine code leaves a TIE, coal decides on all of `frozen`.
         """
         if resting_contact(self._prepared, self.margins[0]):
             return True
@@ -126,10 +126,10 @@ class CompiledValidity:
         return verdict != FREE
 
     def verdicts(self, q: Array) -> NDArray[np.uint8]:
-        """Return for configurations in which only free joints differ: 0 free, 1 contact, 2 too near to tell.
+        """Return 0 free, 1 contact, 2 undecided for configurations in which only free joints differ.
 
         Args:
-            q: Whole configurations, shape (m, n), contiguous [rad or m].
+            q: Complete configurations, shape (m, n), contiguous [rad or m].
         """
         found = np.ones(len(q), np.uint8)
         if not self.blocked:
@@ -137,7 +137,7 @@ class CompiledValidity:
         return found
 
     def memory(self) -> Array:
-        """Return the block of this thread, which all margins share: it keeps these until others are asked."""
+        """Return the block of this thread, set to these margins; other margins overwrite it."""
         local = self._local
         try:
             return self._named(local.memory)
@@ -146,10 +146,10 @@ class CompiledValidity:
         return np.asarray(local.memory)
 
     def blocks(self) -> tuple[Array, Array]:
-        """Return this thread's blocks of what stands and of what moves, at any margins.
+        """Return this thread's blocks of bodies that stand still and of bodies that move, at any margins.
 
-        All motions of the same joints share them, so that nothing is copied: they are ready for this one
-        until another is asked for.  For calls of machine code that ask nothing of Python's.
+        All motions of the same joints share them, so that nothing is copied: they are valid for this motion
+        until another one is requested.  They are for machine code that does not call Python.
         """
         local, kind = self._limited.local, None if self.loads is None else self.loads.kind
         try:
@@ -167,7 +167,7 @@ class CompiledValidity:
         return blocks
 
     def _whole(self) -> Array:
-        """Return a block with sections for what is held."""
+        """Return a block with sections for the loads."""
         moving, held = self._limited.moving, self._limited.held
         if self.loads is None:
             return moving
@@ -177,7 +177,7 @@ class CompiledValidity:
         return held[kind]
 
     def _begin(self, memory: Array) -> None:
-        """Make a block, shape (memory_size,), ready for this motion."""
+        """Prepare a block, shape (memory_size,), for this motion."""
         self._prepared.named(memory, self.margins)
         gravity, lanes = 0, 1
         if self.loads is not None:
@@ -205,9 +205,9 @@ class CompiledValidity:
 
         Args:
             a: Values of the free joints, shape (k,) [rad or m].
-            b: The same at the end of the edge.
+            b: Values of the free joints at the end of the edge, shape (k,) [rad or m].
             steps: Number of states, at least 1.
-            memory: A block; None for a new one.
+            memory: A block of memory; None for a new one.
 
         Raises:
             InvalidValueError: for vectors of wrong length, NaN, or fewer than 1 step.
@@ -234,11 +234,11 @@ def compile_validity(
 
     Args:
         pepper: The robot.
-        prepared: What compiled checking needs.
-        frozen: A whole configuration [rad or m], shape (n,).
-        free: Places of the joints that move, shape (k,).
-        effort_limits: What holding still may take of each joint [N m or N], shape (n,); None for no limits.
-        loads: What is carried, and edges that the robot must not tip over; None for the robot's own weight.
+        prepared: Data of compiled checks.
+        frozen: Complete configuration [rad or m], shape (n,).
+        free: Indices of the joints that move, shape (k,).
+        effort_limits: Maximum effort of each joint while holding still [N m or N], shape (n,); None for none.
+        loads: Payload, and edges that the robot must not tip over; None for the robot's own weight.
         exact: Coal's checker of the same robot and scene.
     """
     n = pepper.n
@@ -262,25 +262,25 @@ def trusted_validity(
     loads: StaticLoads | None,
     exact: CollisionChecker,
 ) -> CompiledValidity:
-    """Return what `compile_validity` does, of arguments that are known to be right and stay as they are.
+    """Return the result of `compile_validity` for valid arguments that do not change.
 
     Args:
         pepper: The robot.
-        prepared: What compiled checking needs.
-        frozen: A whole configuration [rad or m], shape (n,).
-        free: Places of the joints that move, shape (k,).
-        effort: What holding still may take of each joint [N m or N], shape (n,).
-        loads: What is held, and balanced; None where that is not asked for.
+        prepared: Data of compiled checks.
+        frozen: Complete configuration [rad or m], shape (n,).
+        free: Indices of the joints that move, shape (k,).
+        effort: Maximum effort of each joint while holding still [N m or N], shape (n,).
+        loads: Loads to hold and to balance; None if they are not checked.
         exact: Coal's checker of the same robot and scene.
     """
     address, limited = int(cast("Any", valid_steps).address), _limited(pepper, prepared, free)
-    # Nothing stands where all joints move, and who keeps such a validity for a robot must not keep the robot.
+    # If all joints move, no body stands still, and a validity cached for a robot must not refer to the robot.
     asked = exact if free.size < pepper.n else None
     return CompiledValidity(address, free, frozen, effort, prepared.margins, loads, limited, prepared, asked)
 
 
 def _limited(pepper: PepperModel, prepared: Prepared, places: NDArray[np.int64]) -> Limited:
-    """Return the blocks for motions of the joints at some places, shape (k,)."""
+    """Return the blocks for motions of the joints with given indices, shape (k,), cached."""
     key = places.tobytes()
     found = prepared.limited.get(key)
     if found is None:
@@ -290,7 +290,7 @@ def _limited(pepper: PepperModel, prepared: Prepared, places: NDArray[np.int64])
         moving = (np.asarray(pepper.full_map) != 0.0)[:, places].any(axis=1)
         carried = prepared.carried & moving
         still = _comparing(block, prepared, carried, moving=False)
-        at.shorten(still, at.TABLE_HEADS, 0)  # the ranges of joints are left to each state
+        at.shorten(still, at.TABLE_HEADS, 0)  # joint ranges are checked with each state
         moves = carried.any(axis=1).astype(np.int64)
         compared, kernel = _comparing(block, prepared, carried, moving=True), None
         if moves[:-1].mean() >= SHARE:
@@ -316,9 +316,9 @@ def _comparing(block: Array, prepared: Prepared, carried: NDArray[np.bool_], *, 
 
     Args:
         block: The robot's block, shape (s,).
-        prepared: What compiled checking needs.
-        carried: Which coordinates that move carry each body, the world last, shape (bodies, nv).
-        moving: Whether the pairs that move are kept, or the others.
+        prepared: Data of compiled checks.
+        carried: Whether a moving coordinate carries a body, the world last, shape (bodies, nv).
+        moving: Whether the moving pairs are kept, or the others.
     """
     kept = block.copy()
     links = at.section_bits(block, at.LINKS).reshape(-1, LINK.width)
@@ -340,7 +340,7 @@ def _comparing(block: Array, prepared: Prepared, carried: NDArray[np.bool_], *, 
 
 
 def _places(free: ArrayLike, n: int) -> NDArray[np.int64]:
-    """Return places of joints, shape (k,), as integers, after a check that they differ and exist."""
+    """Return indices of joints, shape (k,), as integers, after a check that they differ and exist."""
     places = np.asarray(free)
     fine = places.ndim == 1 and places.dtype.kind in "iu" and len(set(places.tolist())) == places.size
     if not fine or (places.size and not (places.min() >= 0 and places.max() < n)):

@@ -1,4 +1,4 @@
-"""The joints of a robot as the table that `core.kinematic_tree` reads."""
+"""Joints of a robot as the table that `core.kinematic_tree` reads."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pepper_kin.model.moving_tree import moving_tree
 
 @kept_for_robot(most=32)
 def joint_table(pepper: PepperModel) -> Array:
-    """Return the joints of `pinocchio_model`, the universe first, shape (njoints, JOINT), kept."""
+    """Return the joints of `pinocchio_model`, the universe first, shape (njoints, JOINT), cached."""
     tree = moving_tree(pepper)
     table = np.zeros((tree.count, JOINT))
     for joint in range(1, tree.count):

@@ -13,13 +13,13 @@ from pepper_kin.model.moving_tree import moving_tree
 
 
 def part_motion_bounds(pepper: PepperModel, structure: ComparedParts) -> Array:
-    """Return for each class of pairs and each group to the scene how far it moves per unit of each joint.
+    """Return the motion bounds of each class of pairs and of each group to the scene, by joint.
 
     Two bodies come nearer by at most the sum over the joints that carry one of them and not the other; how
     far a joint moves a body is bounded by `pepper_kin.core.motion_bounds`.
 
     Returns:
-        Shape (classes + groups, n) [m/rad, or 1]; infinite where a joint that slides has no limits.
+        Bounds, shape (classes + groups, n) [m/rad, or 1]; infinite if a prismatic joint has no limits.
     """
     motion_bounds = motion_bounds_of(pepper, [Hull(s.joint, _corners(s), s.radius) for s in structure.solids])
     carried = moving_tree(pepper).carried()[[solid.joint for solid in structure.solids]]

@@ -1,4 +1,4 @@
-"""The shapes of a robot and a scene, and their pairs, as the table that `core.collision.distances` reads."""
+"""Shapes of a robot and a scene, and their pairs, as the table that `core.collision.distances` reads."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ from pepper_kin.core.collision.scene_rows import BOUNDING, HALF, KIND, ROW
 from pepper_kin.model import PepperModel, kept_for_robot
 
 MOST_VERTICES = 64
-"""Of hulls of more, only the vertices are kept that lie farthest in so many directions: they guide only."""
+"""Number of directions, and of vertices above which a hull keeps only the vertices farthest along one: hulls
+serve only as a guide."""
 
 
 _kept: WeakKeyDictionary[ComparedParts, NearTable] = WeakKeyDictionary()
@@ -28,7 +29,7 @@ _kept: WeakKeyDictionary[ComparedParts, NearTable] = WeakKeyDictionary()
 def near_table(checker: CollisionChecker) -> NearTable:
     """Return the shapes and pairs of a checker, both in its order; the pairs keep no distance.
 
-    Half-spaces are known as such, all else as `Solid`.
+    Half-spaces are represented exactly, all other shapes as `Solid`.
     """
     structure = structure_of(checker)
     table = _kept.get(structure)
@@ -38,6 +39,7 @@ def near_table(checker: CollisionChecker) -> NearTable:
 
 
 def _make_table(pepper: PepperModel, structure: ComparedParts) -> NearTable:
+    """Return the table of a structure's shapes and pairs."""
     moving, count = structure.moving, len(structure.solids)
     rows = np.concatenate([moving.rows, structure.object_rows])
     shapes, vertices, place = np.zeros((len(rows), SHAPE)), [np.zeros((0, 3))], 0
@@ -45,7 +47,7 @@ def _make_table(pepper: PepperModel, structure: ComparedParts) -> NearTable:
     shapes[:count, CARRIER] = [solid.joint for solid in moving.solids]
     special = {count + o: solid for o, solid in structure.special.items()}
     for k, solid in (dict(enumerate(moving.solids)) | special).items():
-        if len(solid.vertices):  # what is held as a cloud is its hull here
+        if len(solid.vertices):  # an attached cloud is its convex hull here
             corners = _outermost(solid.vertices)
             shapes[k, KIND], shapes[k, FIRST], shapes[k, COUNT] = HULL, place, len(corners)
             vertices.append(corners)
@@ -62,19 +64,19 @@ def _make_table(pepper: PepperModel, structure: ComparedParts) -> NearTable:
 
 
 def among(table: NearTable, chosen: NDArray[Any]) -> NearTable:
-    """Return a table of some of the pairs: a mask, shape (m,), or places."""
+    """Return a table of some of the pairs, selected by a mask, shape (m,), or by indices."""
     return table._replace(pairs=table.pairs[chosen], reaches=table.reaches[chosen], keep=table.keep[chosen])
 
 
 def movable(table: NearTable) -> NearTable:
-    """Return a table of the pairs that move against each other, without what only coal knows."""
+    """Return a table of the pairs that move against each other, without shapes that only coal supports."""
     shapes, (first, second) = table.shapes, table.pairs[:, :2].T
     carriers, known = shapes[:, CARRIER], shapes[:, KIND] != OTHER
     return among(table, known[first] & known[second] & (carriers[first] != carriers[second]))
 
 
 def _pairs(structure: ComparedParts) -> NDArray[np.int64]:
-    """Return the pairs that a checker compares, places among all shapes, in its order, shape (k, 2)."""
+    """Return the pairs that a checker compares, indices among all shapes, sorted, shape (k, 2)."""
     count = len(structure.solids)
     own = [pair for pairs in structure.classes for pair in pairs]
     found = [np.array(own, np.int64).reshape(-1, 2), structure.resting + np.array([0, count])]
@@ -87,13 +89,13 @@ def _pairs(structure: ComparedParts) -> NDArray[np.int64]:
 
 
 def _outermost(vertices: Array) -> Array:
-    """Return the vertices, shape (m, 3), of all, shape (v, 3) [m], that lie farthest in some direction.
+    """Return the vertices, shape (m, 3), that are farthest along some direction of all, shape (v, 3) [m].
 
     The directions are spread evenly; up to MOST_VERTICES vertices, all are kept.
     """
     if len(vertices) <= MOST_VERTICES:
         return vertices
-    # Points of a spiral that are even on the sphere.
+    # Points of a spiral that are evenly distributed on the sphere.
     k = np.arange(MOST_VERTICES) + 0.5
     height, turn = 1.0 - 2.0 * k / MOST_VERTICES, np.pi * (1.0 + np.sqrt(5.0)) * k
     across = np.sqrt(1.0 - height * height)
@@ -103,7 +105,7 @@ def _outermost(vertices: Array) -> Array:
 
 @kept_for_robot(most=32)
 def joint_tree(pepper: PepperModel) -> tuple[Array, Array]:
-    """Return the joints of the tree, and which of them carry each."""
+    """Return the joints of the tree, and 1 for each joint that carries another or itself, else 0."""
     joints = joint_table(pepper)
     above = np.zeros((len(joints), len(joints) - 1))
     for k in range(1, len(joints)):

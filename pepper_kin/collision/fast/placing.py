@@ -1,6 +1,6 @@
-"""Machine code that places all bodies of a robot at once, eight configurations side by side.
+"""Machine code that places all bodies of a robot at once, for eight configurations at a time.
 
-It is straight-line code of this robot: frames whose rotations turn axes into axes cost no products.
+It is straight-line code for one robot: frames whose rotations map axes to axes cost no products.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     import casadi
 
 SHARE = 0.5
-"""Of the bodies that have to move for this to be worth it."""
+"""Minimum ratio of moving bodies at which this kernel is faster."""
 NUMBERS = LANE_POSE.width // LANES
-"""Of a body's pose: the rotation row by row, then the origin."""
+"""Size of a body's pose: rotation row by row, then origin."""
 
 _kept: RobotMemory[None, Kernel] = RobotMemory()
 
@@ -28,7 +28,7 @@ _kept: RobotMemory[None, Kernel] = RobotMemory()
 def placing_kernel(pepper: PepperModel) -> Kernel:
     """Return the kernel from a configuration, shape (n,) [rad or m], to the poses of all bodies.
 
-    Its `block` reads coordinates and writes rows of LANE_POSE as `check_block` keeps them.
+    Its `block` reads coordinates and writes rows of LANE_POSE as `check_block` stores them.
     """
     kept = _kept.of(pepper)
     if None not in kept:
@@ -44,6 +44,7 @@ def placing_kernel(pepper: PepperModel) -> Kernel:
 
 
 def _poses(pepper: PepperModel) -> casadi.Function:
+    """Return the expression of all bodies' poses."""
     state, symbols = new_state(pepper, "q")
     rows = [(x,) for turn, origin in world_poses(state) for row in (*turn, origin) for x in row]
     return symbols.function("body_poses", poses=rows)

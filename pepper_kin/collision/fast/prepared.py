@@ -1,4 +1,4 @@
-"""The block of constants for one robot, which names that of a scene and the margins."""
+"""Block of constants of one robot, which refers to a scene's block and has the margins."""
 
 from __future__ import annotations
 
@@ -55,23 +55,23 @@ from pepper_kin.model import PepperModel, RobotMemory
 from pepper_kin.model.moving_tree import moving_tree
 
 MET, MOST_AXES = 16, 2048
-"""Objects for each solid, and pairs of solids in all, of which the direction that parted them last is kept;
-of more, some share theirs."""
+"""Objects per solid, and maximum number of pairs of solids, for which the last separating direction is
+stored; beyond, pairs share directions."""
 MOST_ROBOTS = 64
-"""Robots holding other things that are kept."""
+"""Maximum number of robots with different attached objects that are cached."""
 
 
 @dataclass(frozen=True, eq=False)
 class Limited:
-    """A robot's blocks for motions of some of its joints; not to be written to.
+    """Blocks of a robot for motions of some of its joints, not to be written to.
 
     Attributes:
-        still: Compares only what does not move, without tables of joint ranges.
-        moving: Compares only what moves.
-        moves: For each body 1 if it moves, the world last.
-        placing: What places all bodies at once in `moving`; None where few move.
-        held: `moving` with sections for what is held, for each kind of `StaticLoads`.
-        local: The blocks of each thread, which all motions share, and whose motion they are ready for.
+        still: Block that compares only bodies that stand still, without tables of joint ranges.
+        moving: Block that compares only bodies that move.
+        moves: 1 for each body that moves, else 0; the world last.
+        placing: Kernel that places all bodies at once in `moving`; None if few move.
+        held: `moving` with sections for loads, for each kind of `StaticLoads`.
+        local: Blocks of each thread, shared by all motions, and the motion they are prepared for.
     """
 
     still: Array
@@ -84,18 +84,19 @@ class Limited:
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """What compiled checking needs.
+    """Data of compiled collision checks.
 
     Attributes:
-        structure: What is compared.
-        block: The robot's block, of no margins and no scene yet; not to be written to.
+        structure: Bodies and pairs that are compared.
+        block: The robot's block, without margins and scene; not to be written to.
         scene: The scene's block.
-        margins: Distances to keep, from the scene and between two parts of the robot [m].
-        limited: Blocks that compare only what stands, or only what moves, for each choice of free joints.
-        local: The block of each thread, which all scenes and margins share, and whose scene it names.
-        motion_bounds: See `part_motion_bounds`.
-        carried: Which coordinates of the Pinocchio model carry each body, the world last, shape (bodies, nv).
-        bodies_of_solids: Which body each solid of the robot belongs to, shape (solids,).
+        margins: Margins to the scene and between two parts of the robot [m].
+        limited: Blocks that compare only bodies that stand still, or only those that move, for each choice of
+            free joints.
+        local: Block of each thread, shared by all scenes and margins, and the scene it refers to.
+        motion_bounds: Motion bounds of the parts, see `part_motion_bounds`.
+        carried: Whether a coordinate of the Pinocchio model carries a body, world last, shape (bodies, nv).
+        bodies_of_solids: Index of the body of each solid of the robot, shape (solids,).
     """
 
     structure: ComparedParts
@@ -109,7 +110,7 @@ class Prepared:
     bodies_of_solids: NDArray[np.int64]
 
     def memory(self) -> Array:
-        """Return the block of this thread, which names this scene until another is asked for."""
+        """Return the block of this thread, which refers to this scene until another is requested."""
         local = self.local
         try:
             if local.named is self:
@@ -129,10 +130,10 @@ class Prepared:
 
 
 class _Robot:
-    """A robot with what it holds, its solids in groups: what scenes share in which the groups are the same.
+    """A robot with attached objects, its solids in groups: shared by scenes with the same groups.
 
     Attributes:
-        rounding: What single precision may be wrong by.
+        rounding: Errors of single precision.
         carried: See `Prepared`.
         bodies_of_solids: See `Prepared`.
         block: See `Prepared`.
@@ -163,7 +164,7 @@ class _Robot:
 
 
 def prepare(checker: CollisionChecker) -> Prepared:
-    """Return the blocks of a checker; those of its scene are the same at all margins."""
+    """Return the blocks of a checker; the block of its scene is shared by all margins."""
     like = checker.shapes_of
     found = _shared.get(like)
     if found is None:
@@ -177,13 +178,14 @@ def prepare(checker: CollisionChecker) -> Prepared:
 
 
 _shared: WeakKeyDictionary[CollisionChecker, tuple[ComparedParts, _Robot, SceneBlock]] = WeakKeyDictionary()
-"""What checkers of the same shapes share, whatever their margins."""
+"""Data shared by checkers of the same shapes with different margins."""
 _kept: RobotMemory[tuple[MovingParts, tuple[tuple[int, ...], ...], tuple[DependentRange, ...]], _Robot] = (
     RobotMemory()
 )
 
 
 def _robot_of(pepper: PepperModel, structure: ComparedParts, ranges: tuple[DependentRange, ...]) -> _Robot:
+    """Return a robot's blocks for attached objects, groups and ranges, cached."""
     key, kept = (structure.moving, structure.groups, ranges), _kept.of(pepper)
     if key not in kept:
         if len(kept) >= MOST_ROBOTS:
@@ -193,6 +195,7 @@ def _robot_of(pepper: PepperModel, structure: ComparedParts, ranges: tuple[Depen
 
 
 def _carried(pepper: PepperModel) -> NDArray[np.bool_]:
+    """Return whether each coordinate carries a body, the world last, shape (bodies, nv)."""
     return np.roll(moving_tree(pepper).carried(), -1, axis=0)  # the world last
 
 
@@ -251,13 +254,13 @@ def _constants(
 def _touching(
     balls: Array, some: NDArray[np.int64], others: NDArray[np.int64], rounding: Rounding
 ) -> NDArray[np.int32]:
-    """Return the distances at which coarse balls touch [m], as the bits of float32, shape (k,).
+    """Return the distances at which coarse spheres touch [m], as the bits of float32, shape (k,).
 
     Args:
-        balls: Center, outer and inner radius of each ball [m], shape (b, 5).
-        some: Rows of the first ball of each pair, shape (k,).
-        others: Rows of the second, shape (k,).
-        rounding: What single precision may be wrong by.
+        balls: Center, outer and inner radius of each sphere [m], shape (b, 5).
+        some: Row of the first sphere of each pair, shape (k,).
+        others: Row of the second sphere of each pair, shape (k,).
+        rounding: Errors of single precision.
     """
     outer = balls[:, BALL.columns.outer]
     reach = outer[some] + outer[others] - rounding.comparing()
@@ -276,16 +279,18 @@ def _gaps(motion_bounds: Array, classes: int) -> dict[int, Array]:
 
 
 def _ranges(ranges: tuple[DependentRange, ...]) -> dict[int, Array]:
+    """Return the sections of the tables of dependent joint ranges."""
     return dict(zip((at.TABLE_HEADS, at.TABLES, at.TABLE_CELLS), pack_tables(ranges), strict=True))
 
 
 def _scratch(pepper: PepperModel, structure: ComparedParts, tables: BodyTables) -> dict[int, Array]:
+    """Return the sections of workspace."""
     n, joints, bodies = pepper.n, moving_tree(pepper).count, len(tables.bodies)
     pose = LANE_POSE.row(rotation=np.repeat(np.eye(3).ravel(), LANES), origin=np.zeros(3 * LANES))
     poses = np.zeros((bodies + 1, LANE_POSE.width), np.float32)
     poses[[0, bodies]] = pose
     centers = np.zeros((len(tables.balls), 3, LANES), np.float32)
-    world = tables.bodies[-1, BODY.columns.coarse]  # all others are written where bodies are placed
+    world = tables.bodies[-1, BODY.columns.coarse]  # all others are written when bodies are placed
     centers[world] = tables.balls[world, BALL.columns.center, None]
     return {
         at.PLACED_AT: words(np.tile(PLACED_BODY.row(count=1, parts=0), bodies)),

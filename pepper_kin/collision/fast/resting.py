@@ -1,4 +1,4 @@
-"""Pairs that never move against one another: settled once, by coal."""
+"""Pairs that never move against one another, decided once by coal."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from pepper_kin.core.collision.gjk import CONTACT, TIE
 from pepper_kin.core.collision.narrow_phase import pair_verdict
 
 SURE = 1e-4
-"""What bounds of distances are not relied on by [m]."""
+"""Margin of error of bounds of distances [m]."""
 
 
 def resting_contact(prepared: Prepared, margin: float) -> bool:
@@ -37,14 +37,14 @@ def resting_contact(prepared: Prepared, margin: float) -> bool:
 
 
 def resting_margin(structure: ComparedParts) -> float:
-    """Return a margin below which no pair is that never moves against one another [m]; inf without any."""
+    """Return a lower bound of the distance of pairs that never move [m]; inf if there are none."""
     return structure.gaps[1] - SURE
 
 
 def resting_distance(structure: ComparedParts) -> float:
-    """Return a distance that pairs which never move against one another keep [m]; inf without any.
+    """Return the minimum distance of the pairs that never move against one another [m]; inf without any.
 
-    It is the least of theirs; of clouds, that of their points to the boxes around the robot's solids.
+    For clouds, it is the distance of their points to the boxes around the robot's solids.
     """
     (gaps, _), least = structure.gaps, float("inf")
     for k in np.argsort(gaps).tolist():
@@ -58,7 +58,7 @@ _known: WeakKeyDictionary[ComparedParts, dict[tuple[int, int], float]] = WeakKey
 
 
 def _distance(structure: ComparedParts, i: int, o: int) -> float:
-    """Return the distance of a pair [m], or for a cloud a bound of it, measured once."""
+    """Return the distance of a pair [m], or for a cloud a lower bound, measured once."""
     import coal
 
     known, cloud = _known.setdefault(structure, {}), structure.items[o].geometry
@@ -79,7 +79,7 @@ def _distance(structure: ComparedParts, i: int, o: int) -> float:
 
 
 def _collides(structure: ComparedParts, i: int, o: int, margin: float) -> bool:
-    """Return coal's verdict on a pair."""
+    """Return coal's verdict on a pair at a margin [m]."""
     import coal
 
     one, other = structure.moving.bodies[i], world_body(structure.items[o])

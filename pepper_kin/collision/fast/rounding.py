@@ -1,4 +1,4 @@
-"""Rounding errors of single precision where balls are placed and compared."""
+"""Rounding errors of single precision when spheres are placed and compared."""
 
 from __future__ import annotations
 
@@ -12,44 +12,44 @@ from pepper_kin.model import PepperModel
 from pepper_kin.symbolic.tree import read_frames
 
 ROUNDING = 2.0**-24
-"""Greatest relative error of one operation in single precision."""
+"""Maximum relative error u of one operation in single precision."""
 COORDINATE = 10.0 * WIDEST * ROUNDING
 """Error of a coordinate of at most WIDEST [rad or m].
 
 On an edge it is a + (b - a) s in single precision, with |b - a| at most 2 WIDEST: s, b - a and their product
-are wrong by u of 2 WIDEST each, a, the sum and the gain of a joint that follows another by u of WIDEST.
+have an error of u times 2 WIDEST each, a, the sum and the gain of a mimic joint an error of u times WIDEST.
 """
 ANGLE = COORDINATE + 3e-7
 """Error of an angle, and of its sine and cosine [rad]."""
 COMPARING = 16.0 * ROUNDING
-"""What comparing placed balls adds at most, over the sum of the coordinates: the robot's, and those of an
-object as far as it can be met."""
+"""Maximum error of comparing placed spheres, relative to the sum of the coordinates: the robot's, and an
+object's as far as the robot can reach it."""
 FAR = 1e3
-"""Objects are not larger than this, or meet the robot where they are [m]."""
+"""Limit of an object's size in the error: larger objects reach the robot wherever they are [m]."""
 TURN = 2.0 * ANGLE + 24.0 * ROUNDING
-"""What one joint adds to the error of a rotation (spectral norm).
+"""Error that one joint adds to a rotation (spectral norm).
 
-Sine and cosine are wrong by ANGLE each: at most 2 ANGLE.  A constant rotation is stored with an error below
-3 u, its product with the one before has entries of three products each, of rows and columns of length one:
-below 9 u in all; mixing two columns by sine and cosine adds less than 9 u; the rest is for terms of second
-order.
+Sine and cosine have an error of ANGLE each: at most 2 ANGLE.  A constant rotation is stored with an error
+below 3 u, its product with the one before has entries of three products each, of rows and columns of length
+one: below 9 u in all; mixing two columns by sine and cosine adds less than 9 u; the rest is for second-order
+terms.
 """
 
 
 class Rounding:
-    """What single precision may be wrong by for a robot's solids.
+    """Errors of single precision for a robot's solids.
 
-    A body's origin is wrong by what its parent's is, by its parent's rotation error times the distance
-    between both, and by 8 u times the distances that are added; sliding adds the error of the coordinate,
-    which may be WIDEST.
+    The error of a body's origin is its parent's, plus its parent's rotation error times the distance between
+    both, plus 8 u times the accumulated distances; a prismatic joint adds the error of its coordinate, which
+    may be WIDEST.
 
     Args:
         pepper: The robot.
-        solids: Its solids.
+        solids: Solids of the robot.
 
     Attributes:
-        placed: How far a body's balls and cores may be misplaced [m], shape (bodies,), the world last.
-        farthest: How far the robot reaches [m].
+        placed: Maximum error of the placement of a body's spheres and cores [m], shape (bodies,), world last.
+        farthest: Maximum reach of the robot [m].
     """
 
     def __init__(self, pepper: PepperModel, solids: Sequence[Solid]) -> None:
@@ -74,5 +74,5 @@ class Rounding:
             self.farthest = max(self.farthest, reach[b] + own)
 
     def comparing(self) -> float:
-        """Return what comparing placed balls of the robot with one another adds at most [m]."""
+        """Return the maximum error of comparing placed spheres of the robot with one another [m]."""
         return COMPARING * self.farthest

@@ -1,4 +1,4 @@
-"""The block of constants of a scene: its objects, in trees of boxes."""
+"""Block of constants of a scene: its objects, in trees of boxes."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from pepper_kin.kernels.lanes import LANES
 
 
 class SceneBlock(NamedTuple):
-    """The block of a scene as one robot sees it.
+    """Block of a scene for one robot.
 
     Attributes:
-        block: At a multiple of 64 bytes, not to be written to.
-        address: Of the block.
-        order: Places in the structure of the block's objects, shape (k,).
-        kept: Blocks of clouds, of which it has the addresses.
+        block: The block, aligned to 64 bytes, not to be written to.
+        address: Address of the block.
+        order: Indices in the structure of the block's objects, shape (k,).
+        kept: Blocks of clouds, whose addresses the block holds.
     """
 
     block: Array
@@ -36,7 +36,7 @@ class SceneBlock(NamedTuple):
 
 
 def scene_block(structure: ComparedParts, rounding: Rounding) -> SceneBlock:
-    """Return the block of a scene as one robot sees it."""
+    """Return the block of a scene for one robot."""
     rows, special, count = structure.object_rows, structure.special, len(structure.items)
     items, corners = np.empty((count, OBJECT.width), np.float32), np.empty((2, count, 3))
     write_objects(rows, COMPARING, FAR, rounding.farthest, items, corners[0], corners[1])
@@ -70,7 +70,7 @@ def scene_block(structure: ComparedParts, rounding: Rounding) -> SceneBlock:
 
 
 def _hulls(special: dict[int, Solid], order: NDArray[np.int64]) -> dict[int, Array]:
-    """Return the sections of a scene's hulls and clouds, for places in the structure, `order`, shape (k,)."""
+    """Return the sections of a scene's hulls and clouds; `order`: indices in the structure, shape (k,)."""
     solids = [special.get(o) for o in order.tolist()]
     hulls = hull_sections([_NONE if solid is None else solid.vertices for solid in solids])
     return {at.CLOUDS: cloud_addresses(solids), **hulls}
@@ -80,13 +80,13 @@ _NONE = np.zeros((0, 3))
 
 
 def cloud_addresses(solids: Sequence[Solid | None]) -> Array:
-    """Return the addresses of the blocks of clouds, which the solids keep; 0 of anything else."""
+    """Return the addresses of the blocks of clouds, which the solids keep alive; 0 for other solids."""
     clouds = [None if solid is None else solid.cloud for solid in solids]
     return words(np.array([0 if cloud is None else cloud.ctypes.data for cloud in clouds], np.int64))
 
 
 def solid_sections(rows: Array, vertices: Sequence[Array]) -> dict[int, Array]:
-    """Return the sections that tell solids' shapes and poses, of their rows, shape (k, ROW), and vertices."""
+    """Return the sections of solids' shapes and poses, from their rows, shape (k, ROW), and vertices."""
     return {
         at.SOLIDS: rows[:, :4],
         at.SOLID_HALF: rows[:, 5:8],
@@ -96,7 +96,7 @@ def solid_sections(rows: Array, vertices: Sequence[Array]) -> dict[int, Array]:
 
 
 def hull_sections(vertices: Sequence[Array]) -> dict[int, Array]:
-    """Return the sections that hold solids' vertices [m], shape (v, 3) for each solid."""
+    """Return the sections of solids' vertices [m], shape (v, 3) for each solid."""
     padded = [_padded(corners) for corners in vertices]
     hulls = np.concatenate([np.zeros(0), *(corners.T.ravel() for corners in padded if len(corners))])
     return {
@@ -107,26 +107,26 @@ def hull_sections(vertices: Sequence[Array]) -> dict[int, Array]:
 
 
 def _padded(corners: Array) -> Array:
-    """Return corners [m], shape (v, 3), the last as often as it takes to fill all lanes, shape (w, 3)."""
+    """Return corners [m], shape (v, 3), with the last one repeated to fill all lanes, shape (w, 3)."""
     if len(corners) % LANES == 0:
         return corners
     return np.concatenate([corners, np.repeat(corners[-1:], -len(corners) % LANES, axis=0)])
 
 
 def firsts(parts: Sequence[Sized]) -> NDArray[np.int64]:
-    """Return where each of some lists begins when they stand one after the other, and the end."""
+    """Return the offsets of concatenated lists, and the total length, shape (lists + 1,)."""
     found = np.zeros(len(parts) + 1, np.int64)
     np.cumsum([len(part) for part in parts], out=found[1:])
     return found
 
 
 def words(values: NDArray[np.int64]) -> Array:
-    """Return integers, of any shape, in the space of doubles, one after the other, one-dimensional."""
+    """Return integers, of any shape, stored as the bits of doubles, one-dimensional."""
     return np.ascontiguousarray(values, np.int64).ravel().view(np.float64)
 
 
 def singles(values: NDArray[Any]) -> Array:
-    """Return floats, s in any shape, in the space of doubles, two in each, shape (ceil(s / 2),)."""
+    """Return floats, s in any shape, stored as the bits of doubles, two in each, shape (ceil(s / 2),)."""
     padded = np.zeros(values.size + values.size % 2, dtype=np.float32)
     padded[: values.size] = values.ravel()
     return padded.view(np.float64)

@@ -1,4 +1,4 @@
-"""The robot's and the scene's shapes as compiled code sees them: a core grown by a radius."""
+"""Shapes of the robot and the scene for compiled code: a core grown by a radius."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from pepper_kin.core.collision.scene_rows import BALL, BAR, BLOCK, ROUND
 from pepper_kin.model import Box, Capsule, Cylinder, Mesh, Sphere
 
 VAST = 25.0
-"""Half length of the box that stands for a half-space [m]: single precision resolves 4e-6 m there."""
+"""Half length of the box that represents a half-space [m]: single precision resolves 4e-6 m there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,16 +33,17 @@ class Solid:
 
     Attributes:
         owner: Name of the link or scene object.
-        joint: Number of the joint in `pinocchio_model` that carries it; 0 is the world.
+        joint: Index of the joint in `pinocchio_model` that carries it; 0 is the world.
         rotation: (3, 3), the core's axes in the joint's frame.
         position: (3,), the core's center in the joint's frame [m].
-        kind: BOX, CYLINDER (along z), HULL (of `vertices`), CLOUD (in a box) or OTHER (known to coal only).
-        half: (3,), half lengths of the box around the core [m]; infinite where OTHER has no bounds.
-        radius: How far the solid reaches beyond its core [m].
-        vertices: (k, 3), of a HULL, or of that around a CLOUD that moves, relative to the core's center and
-            axes [m].
-        filled: Whether the core is the whole shape, not just its convex hull.
-        cloud: The block of a CLOUD.
+        kind: BOX, CYLINDER (along z), HULL (of `vertices`), CLOUD (in a box) or OTHER (supported by coal
+            only).
+        half: (3,), half lengths of the box around the core [m]; infinite if OTHER has no bounds.
+        radius: Distance by which the solid extends beyond its core [m].
+        vertices: (k, 3), vertices of a HULL, or of the hull of a moving CLOUD, relative to the core's center
+            and axes [m].
+        filled: Whether the core is the whole shape, not only its convex hull.
+        cloud: Block of a CLOUD.
     """
 
     owner: str
@@ -63,7 +64,7 @@ class Solid:
 
     @cached_property
     def bounding_radius(self) -> float:
-        """Radius of the sphere around the core's center that holds the solid [m]."""
+        """Radius of the sphere around the core's center that encloses the solid [m]."""
         if self.kind == HULL:
             return float(np.linalg.norm(self.vertices, axis=1).max()) + self.radius
         x, y, z = self.half.tolist()
@@ -71,14 +72,14 @@ class Solid:
 
     @cached_property
     def row(self) -> Array:
-        """Its numbers, shape (ROW,), see `core.collision.scene_rows`."""
+        """Row of the solid, shape (ROW,), see `core.collision.scene_rows`."""
         corner = math.sqrt(sum([half * half for half in self.half.tolist() if math.isfinite(half)]))
         numbers = [self.kind, self.radius, self.bounding_radius, self.filled, corner, *self.half.tolist()]
         return np.array([*numbers, *self.position.tolist(), *self.rotation.T.ravel().tolist()])
 
 
 def simple_shape(geometry: SceneGeometry) -> tuple[float, float, float, float] | None:
-    """Return a shape as `write_simple_rows` takes it; None for others."""
+    """Return the kind and three sizes [m] of a primitive shape; None for meshes, clouds and half-spaces."""
     if type(geometry) is Box:
         return (BLOCK, *geometry.size)
     if type(geometry) is Sphere:
@@ -96,9 +97,9 @@ def solid_of(owner: str, geometry: SceneGeometry, joint: int, pose: Array, *, st
     Args:
         owner: Name of the link or scene object.
         geometry: The shape.
-        joint: The joint that carries it; 0 is the world.
+        joint: Index of the joint that carries it; 0 is the world.
         pose: (4, 4), transform from the shape's own frame to the joint's.
-        stands: Whether it is of the world, where clouds are not covered by balls.
+        stands: Whether it belongs to the world, where clouds are not covered by spheres.
 
     Raises:
         FileFormatError: for a mesh whose file cannot be read.
@@ -139,7 +140,7 @@ _NONE = read_only(np.zeros((0, 3)))
 
 
 def _half_space(normal: Array, offset: float) -> tuple[Array, Array]:
-    """Return axes and center of a box that holds all of n . x <= d within VAST of the world's origin.
+    """Return axes and center of a box that contains all of n . x <= d within VAST of the world's origin.
 
     Args:
         normal: n, a unit vector, shape (3,).
@@ -154,7 +155,7 @@ def _half_space(normal: Array, offset: float) -> tuple[Array, Array]:
 
 
 def _points(geometry: ConvexMesh | TriangleMesh | PointCloud | Mesh) -> tuple[Array, bool]:
-    """Return the points of a shape, none where they are not known, and whether it is their hull."""
+    """Return the points of a shape, none if they are not known, and whether the shape is their hull."""
     import coal
 
     if isinstance(geometry, Mesh):
@@ -168,9 +169,9 @@ def _points(geometry: ConvexMesh | TriangleMesh | PointCloud | Mesh) -> tuple[Ar
 
 
 def _corners(points: Array) -> Array:
-    """Return those of the points [m], shape (k, 3), that span their convex hull, shape (c, 3).
+    """Return the points [m], shape (k, 3), that span the convex hull of all, shape (c, 3).
 
-    All of them where they lie in a plane.
+    All points are returned if they lie in a plane.
     """
     from scipy.spatial import ConvexHull, QhullError
 

@@ -33,12 +33,12 @@ from pepper_kin.model.moving_tree import moving_tree
 
 @dataclass(frozen=True, eq=False)
 class MovingParts:
-    """The robot with what it holds: what is the same in all scenes.
+    """The robot with attached objects: common to all scenes.
 
     Attributes:
-        bodies: The robot's, then those that hang on it.
-        solids: The same as compiled code sees them.
-        classes: Pairs (places in `solids`) of the robot with itself, by parts of the robot.
+        bodies: The robot's bodies, then the attached ones.
+        solids: The bodies as solids for compiled code.
+        classes: Pairs (indices in `solids`) of the robot with itself, by limbs of the robot.
     """
 
     bodies: tuple[Body, ...]
@@ -47,7 +47,7 @@ class MovingParts:
 
     @cached_property
     def by_joint(self) -> tuple[tuple[tuple[int, ...], ...], NDArray[np.int64]]:
-        """The solids of each joint that moves, and those of none, where all are compared with the same."""
+        """Solids of each moving joint, and of no joint, if all are compared with the same objects."""
         found: dict[int, list[int]] = {}
         for i, solid in enumerate(self.solids):
             found.setdefault(solid.joint, []).append(i)
@@ -56,7 +56,7 @@ class MovingParts:
 
     @cached_property
     def rows(self) -> Array:
-        """Numbers of the solids, see `core.collision.scene_rows`, shape (k, ROW)."""
+        """Rows of the solids, see `core.collision.scene_rows`, shape (k, ROW)."""
         return np.array([solid.row for solid in self.solids]).reshape(-1, ROW)
 
     @cached_property
@@ -72,18 +72,18 @@ class MovingParts:
 
 @dataclass(frozen=True, eq=False)
 class ComparedParts:
-    """What is compared.
+    """Bodies and pairs that are compared.
 
     Attributes:
-        moving: The robot with what it holds.
-        groups: Places in `moving.solids` of what moves against the scene: solids of one joint that are
-            compared with the same objects, joint by joint.
+        moving: The robot with attached objects.
+        groups: Indices in `moving.solids` of solids that move against the scene: each group has the solids of
+            one joint that are compared with the same objects, joint by joint.
         items: The scene's objects.
-        members: Places in `items`, set after set of objects that are compared with the same groups, each
+        members: Indices in `items`, set after set of objects that are compared with the same groups, each
             object once, shape (k,).
-        ends: Where each set ends there, shape (s,).
-        met: 1 where a set is compared with a group, shape (s, groups).
-        resting: Places in `moving.solids` and `items` of pairs that never move against one another, shape
+        ends: End of each set in `members`, shape (s,).
+        met: 1 if a set is compared with a group, else 0, shape (s, groups).
+        resting: Indices in `moving.solids` and `items` of pairs that never move against one another, shape
             (k, 2).
     """
 
@@ -106,12 +106,12 @@ class ComparedParts:
 
     @cached_property
     def special(self) -> dict[int, Solid]:
-        """Places of the objects that are no simple shapes, and the same as compiled code sees them."""
+        """Indices of the objects that are not primitive shapes, and their solids for compiled code."""
         return {o: _solid_of_object(self.items[o]) for o, shape in enumerate(self._simple) if shape is None}
 
     @cached_property
     def object_rows(self) -> Array:
-        """Numbers of the objects, see `core.collision.scene_rows`, shape (k, ROW)."""
+        """Rows of the objects, see `core.collision.scene_rows`, shape (k, ROW)."""
         rows = np.empty((len(self.items), ROW))
         none = (0.0, 0.0, 0.0, 0.0)
         if self.items:
@@ -124,7 +124,7 @@ class ComparedParts:
 
     @cached_property
     def gaps(self) -> tuple[Array, float]:
-        """A lower bound of the distance of each pair in `resting`, shape (k,), and the least of them [m]."""
+        """Lower bound of the distance of each pair in `resting`, shape (k,), and their minimum [m]."""
         gaps = np.empty(len(self.resting))
         least = write_gaps(self.moving.rows, self.object_rows, self.resting, gaps)
         return gaps, float(least)
@@ -141,16 +141,18 @@ class ComparedParts:
 
 
 def _are_decided(solids: Iterable[Solid]) -> bool:
+    """Return whether all solids equal the convex hull of their core and radius."""
     return all(solid.filled and solid.kind != OTHER for solid in solids)
 
 
 def structure_of(checker: CollisionChecker) -> ComparedParts:
-    """Sort the pairs that a checker compares: at all margins the same, which planners try several of."""
+    """Sort the pairs that a checker compares; the result is shared by all margins."""
     return _structure(checker.pepper, checker.scene)
 
 
 @kept_for_robot(most=32)
 def _structure(pepper: PepperModel, scene: Scene) -> ComparedParts:
+    """Return the bodies and pairs to compare of a robot in a scene, cached."""
     attached = tuple(scene.attached.values())
     held = frozenset(pair for pair in scene.allowed if attached and not scene.objects.keys() & set(pair))
     moving, items = _moving(pepper, attached, held), tuple(solid_objects(scene))
@@ -197,6 +199,7 @@ def _structure(pepper: PepperModel, scene: Scene) -> ComparedParts:
 def _moving(
     pepper: PepperModel, attached: tuple[AttachedObject, ...], allowed: frozenset[tuple[str, str]]
 ) -> MovingParts:
+    """Return the parts of a robot with attached objects; pairs of names in `allowed` are not compared."""
     bodies = moving_bodies(pepper, attached)
     scene = Scene(attached={item.name: item for item in attached}, allowed=allowed)
     limbs = _limbs(pepper)
@@ -210,7 +213,7 @@ def _moving(
 
 @kept_within(MOST_BYTES / 4, lambda solid, body: bytes_of(solid, body.geometry))
 def _solid_of_body(body: Body) -> Solid:
-    """Return a body that moves as compiled code sees it, the robot's the same whatever it holds."""
+    """Return a moving body's solid for compiled code, cached."""
     return solid_of(body.owner, body.geometry, body.joint, body.pose)
 
 
@@ -218,7 +221,7 @@ _solids: WeakKeyDictionary[SceneObject, Solid] = WeakKeyDictionary()
 
 
 def _solid_of_object(item: SceneObject) -> Solid:
-    """Return an object of the world as compiled code sees it, made once for all scenes that hold it."""
+    """Return the solid of an object of the world for compiled code, cached for all scenes that hold it."""
     found = _solids.get(item)
     if found is None:
         made = solid_of(item.name, item.geometry, 0, item.transform_object_to_world, stands=True)
@@ -227,10 +230,10 @@ def _solid_of_object(item: SceneObject) -> Solid:
 
 
 def _limbs(pepper: PepperModel) -> list[int]:
-    """Return for each joint the limb to which it belongs.
+    """Return for each joint the limb to which it belongs, shape (njoints,).
 
-    From the world to the first joint that carries several, each joint is a limb; beyond, all that hangs on
-    one of those is.
+    From the world to the first joint with several children, each joint is a limb; beyond, each child of that
+    joint and all its descendants are one limb.
     """
     parents = moving_tree(pepper).parents
     children = [[c for c in range(1, len(parents)) if parents[c] == j] for j in range(len(parents))]
@@ -246,13 +249,13 @@ def _limbs(pepper: PepperModel) -> list[int]:
 
 
 def ball_order(solid: Solid) -> tuple[bool, int]:
-    """Return a key: of a pair, the balls of the lesser are compared with the other as it is."""
+    """Return a sort key: in a pair, the spheres of the lesser solid are compared with the other's core."""
     return not solid.segment, len(ball_cover(solid).outer)
 
 
 @kept_within(MOST_BYTES / 4, bytes_of)
 def bounding_ball(solids: tuple[Solid, ...]) -> tuple[Array, float]:
-    """Return center, in the frame of their joint, and radius of a ball that holds solids of one joint [m]."""
+    """Return center, in their joint's frame, and radius of a sphere around solids of one joint [m]."""
     points, radii = [], []
     for solid in solids:
         corners = solid.vertices

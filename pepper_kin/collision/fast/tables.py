@@ -32,7 +32,7 @@ def pack_tables(ranges: tuple[DependentRange, ...]) -> tuple[Array, Array, Array
 
 
 def _cells(table: DependentRange, width: float) -> Array:
-    """Return the numbers of all cells of a table, each a little wider than it is, for rounding."""
+    """Return the bounds of all cells of a table, each slightly widened for rounding, shape (4 CELLS,)."""
     x, low, high = table.positions, table.lower, table.upper
     edges = x[0] + np.arange(CELLS + 1) * width
     begin, end = edges[:-1] - 1e-9, edges[1:] + 1e-9

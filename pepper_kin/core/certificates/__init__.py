@@ -1,1 +1,1 @@
-"""Machine code of certificates only: it calls nothing of the other core, and nothing of that calls it."""
+"""Machine code used only by certificates: it shares no function with the rest of the core."""

@@ -1,18 +1,17 @@
-"""Bounds on the distances of pairs of bodies along configurations, and the search for the least of them.
+"""Bounds on the distances of pairs of bodies along configurations, and the search for the minimum.
 
-Every body lies in a solid: a box, some edges of which may have no length, swept by a ball (spheres, capsules
-and boxes are such solids themselves).  For any unit vector n, the distance of two solids with centers c, axes
-a_i, half edges h_i and radii r is at least
+Every body lies in a solid: a box, some edges of which may have no length, swept by a sphere (spheres,
+capsules and boxes are such solids themselves).  For any unit vector n, the distance of two solids with
+centers c, axes a_i, half edges h_i and radii r is at least
 
     n . (c_2 - c_1) - sum_i h_1i |a_1i . n| - r_1 - sum_i h_2i |a_2i . n| - r_2,
 
-also where they overlap, and less than zero says how deep.  The vector that is taken points from a point of
-one box to one of the other, each of which is the nearest to the other; it decides how good the bound is, and
-never whether it is one.
+also where they overlap; a negative value is the depth.  n is taken from a point of one box to a point of the
+other, each the nearest to the other; the choice of n decides how tight the bound is, not whether it holds.
 
 From there to another configuration, the bodies of a pair come nearer by at most the sum over the joints of
-their steps times the greatest distance of a point of the body from the axis (`Bodies.first`); the proof
-stands at `pepper_kin.collision.least_clearance`.
+their steps times the maximum distance of a point of the body from the axis (`Bodies.first`); the proof
+is in `pepper_kin.collision.least_clearance`.
 """
 
 from __future__ import annotations
@@ -24,44 +23,46 @@ from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Flags1, Floats1, Floats2, Ints1, Ints2
 
 PLACEMENT = 15
-"""Numbers of a joint: origin in its parent's frame, rotation there by rows, axis in its own frame."""
+"""Size of a joint's placement: origin in its parent's frame, rotation there by rows, axis in its own
+frame."""
 SOLID = 17
-"""Numbers of a solid: center and axes (12) as the joint has them, half edges (3), radius, radius of a ball
-around all of it.  Of a half-space the center is a point of its plane, and the third axis points out of it."""
+"""Size of a solid: center and axes (12) in the joint's frame, half edges (3), radius, radius of a sphere
+around all of it.  The center of a half-space is a point of its plane, and its third axis points out of it."""
 _HALF, _RADIUS, _BALL = 12, 15, 16
 DONE, MEASURE, GROW = 0, 1, 2
-"""What `search_least` returns: it is over; distances of the first `TO_MEASURE` pairs at the configuration
-`MIDDLE` are asked for; or `Search.kept` is too small."""
+"""Results of `search_least`: the search is done; it needs measured distances of the first `TO_MEASURE` pairs
+at the configuration `MIDDLE`; or `Search.kept` is too small."""
 FIRST = 64
-"""Configurations in one of the stretches that the search starts from."""
+"""Number of configurations in each of the first intervals of the search."""
 DEEPEST = 16
-"""Stretches that may wait, after those, to be searched."""
+"""Number of intervals inside the first ones that can be queued: each level of halving queues one."""
 ROUNDING = 2e-6
-"""What two distances by coal may be off, one against the other [m]."""
-_STILL = 1e-9  # [m] a pair that moves no more than this has one distance
-_TIGHT = 1e-6  # [m] a bound this near a distance needs no measurement
-_LOOSE = 0.25  # of what a pair comes nearer: bounds farther apart than this need a measurement
-_STEPS = 12  # of the search for the nearest points
+"""Maximum difference of two distances from coal that are mathematically equal [m]."""
+_STILL = 1e-9  # [m] a pair that comes no nearer than this has a constant distance
+_TIGHT = 1e-6  # [m] maximum gap between bounds at which a distance needs no measurement
+_LOOSE = 0.25  # maximum gap between bounds without measurement, relative to how much nearer the pair may come
+_STEPS = 12  # maximum iterations of the search for the nearest points
 _HERE = 1e-12  # [m] boxes nearer than this count as meeting
 
 
 class Bodies(NamedTuple):
-    """J joints, parents before children, B bodies on them, and P pairs of these.
+    """J joints, parents before children, the B bodies on them, and P pairs of bodies.
 
     Attributes:
-        parents: Of each joint, -1 for none, shape (J,).
-        slides: Whether a joint slides, shape (J,).
-        placements: Shape (J, PLACEMENT).
-        carriers: The joint that carries each body, -1 for none, shape (B,).
-        solids: Shape (B, SOLID).
-        exact: Whether a body is its solid, shape (B,).
-        flat: Whether it is a half-space, shape (B,).
-        pairs: The two bodies of each pair, half-spaces second, shape (P, 2).
-        paddings: What the bodies of each pair reach beyond their solids [m], shape (P,).
-        growth: How fast the distance of each shrinks with time [m/s], shape (P,).
-        first: Where the joints of a pair that move one of its bodies against the other begin, shape (P + 1,).
-        joints: These joints.
-        sides: Which of the two bodies each moves, 0 or 1.
+        parents: Parent of each joint, -1 for none, shape (J,).
+        slides: Whether a joint is prismatic, shape (J,).
+        placements: Placement of each joint, shape (J, PLACEMENT).
+        carriers: Joint that carries each body, -1 for none, shape (B,).
+        solids: Solid around each body, shape (B, SOLID).
+        exact: Whether a body equals its solid, shape (B,).
+        flat: Whether a body is a half-space, shape (B,).
+        pairs: The two bodies of each pair, a half-space second, shape (P, 2).
+        paddings: How far the bodies of each pair reach beyond their solids [m], shape (P,).
+        growth: Rate at which the distance of each pair shrinks with time [m/s], shape (P,).
+        first: Offset in `joints` of each pair's joints, which move one body against the other, shape (P +
+            1,).
+        joints: Indices of the joints of all pairs.
+        sides: Which body of the pair each entry of `joints` moves, 0 or 1.
     """
 
     parents: Ints1
@@ -80,13 +81,13 @@ class Bodies(NamedTuple):
 
 
 class Poses(NamedTuple):
-    """What is where at one configuration.
+    """Poses of joints and bodies at one configuration.
 
     Attributes:
         joints: Origin, rotation by rows and axis of each joint in the world, shape (J, PLACEMENT).
-        bodies: Center and axes of each solid, one after the other, shape (B, 12).
-        motion_bounds: Greatest distance of a point of each body from the axis of each joint, shape (B, J).
-        used: Whether a body is of a pair that counts, shape (B,).
+        bodies: Center of each solid, then its three axes, in the world, shape (B, 12).
+        motion_bounds: Maximum distance of a point of each body from the axis of each joint, shape (B, J).
+        used: Whether a body belongs to an open pair, shape (B,).
     """
 
     joints: Floats2
@@ -96,24 +97,24 @@ class Poses(NamedTuple):
 
 
 class ClearanceSearch(NamedTuple):
-    """Where the search is.
+    """State of the search; an interval is a range of configurations.
 
     Attributes:
-        at: Numbers of the search, by the places below, shape (PLACES,).
-        best: The least distance that was measured [m], shape (1,).
-        roots: Start, end, first pair kept and number of pairs kept of the halves of the first stretches, that
-            number 0 where they have been searched, shape (R, 4).
-        root_bounds: Lower bounds of the distances in them [m], shape (R,).
-        waiting: The same of stretches inside one of these, the last of which is next, shape (DEEPEST, 4).
-        waiting_bounds: Shape (DEEPEST,).
-        kept: Pairs that are open in stretches that wait, shape (K,).
-        kept_bounds: Lower bounds of their distances there [m], shape (K,).
-        pair: Pairs that are open in the stretch that is looked at, those to measure first, and of these the
-            nearest, shape (P,).
-        low: Lower bounds of their distances in its middle, or the distances [m], shape (P,).
-        high: Upper bounds of them [m], shape (P,).
-        near: How much nearer they may come in each half of it [m], shape (P, 2).
-        steps: How far each joint moves in each half at most [rad or m], shape (2, J).
+        at: Counters of the search, by the indices NEXT, START, ..., shape (PLACES,).
+        best: The least distance measured so far [m], shape (1,).
+        roots: Start, end, first kept pair and number of kept pairs (0 once searched) of the halves of the
+            first intervals, shape (R, 4).
+        root_bounds: Lower bounds of the distances in `roots` [m], shape (R,).
+        waiting: Start, end, first kept pair and number of kept pairs of queued intervals inside one of
+            `roots`, a stack, shape (DEEPEST, 4).
+        waiting_bounds: Lower bounds of the distances in `waiting` [m], shape (DEEPEST,).
+        kept: Pairs that are open in queued intervals, shape (K,).
+        kept_bounds: Lower bounds of the distances of the kept pairs [m], shape (K,).
+        pair: Open pairs of the current interval, the pairs to measure first, nearest first, shape (P,).
+        low: Lower bounds of their distances in the interval's middle, or the distances [m], shape (P,).
+        high: Upper bounds of their distances there [m], shape (P,).
+        near: How much nearer they may come in each half of the interval [m], shape (P, 2).
+        steps: Maximum distance that each joint moves in each half [rad or m], shape (2, J).
     """
 
     at: Ints1
@@ -132,9 +133,9 @@ class ClearanceSearch(NamedTuple):
 
 
 NEXT, START, MIDDLE, END, OPEN, TO_MEASURE, ROOTS, WAITING, TOP, PAUSED, IN_FIRST = range(11)
-"""Places in `Search.at`: the start of the next of the first stretches; start, middle and end of the stretch
-that is looked at; its pairs that are open, and to measure; roots; stretches that wait; how much of `kept` is
-used; whether measurements were asked for; whether it is one of the first stretches."""
+"""Indices in `Search.at`: start of the next first interval; start, middle and end of the current interval;
+numbers of open pairs and of pairs to measure; number of roots; number of queued intervals; used size of
+`kept`; whether measurements were requested; whether the current interval is one of the first."""
 PLACES = 11
 
 
@@ -160,7 +161,7 @@ def _place_joints(bodies: Bodies, q: Floats1, poses: Poses) -> None:
             for i in range(3):
                 pose[i] += q[j] * pose[12 + i]
             continue
-        # The rows of R are turned: R exp([u] q) = R + sin q R [u] + (1 - cos q) R [u]^2, R [u]^2 = w u^T - R
+        # R exp([u] q) = R + sin q R [u] + (1 - cos q) R [u]^2, R [u]^2 = w u^T - R, row by row
         s, c = math.sin(q[j]), 1.0 - math.cos(q[j])
         for i in range(3):
             r0, r1, r2, w = pose[3 + 3 * i], pose[4 + 3 * i], pose[5 + 3 * i], pose[12 + i]
@@ -171,7 +172,7 @@ def _place_joints(bodies: Bodies, q: Floats1, poses: Poses) -> None:
 
 @compiled(lean=True)
 def _place_bodies(bodies: Bodies, poses: Poses) -> None:
-    """Write centers and axes of the solids that are used, and the motion bounds of joints that move them."""
+    """Write poses of the solids that are used, and the motion bounds of the joints that move them."""
     for b in range(bodies.carriers.size):
         if not poses.used[b]:
             continue
@@ -199,9 +200,9 @@ def _place_bodies(bodies: Bodies, poses: Poses) -> None:
 
 @compiled(lean=True, inline=True)
 def _nearest(pose: Floats1, solid: Floats1, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Return the point of a box nearest to (x, y, z), both from its center in the world's axes [m].
+    """Return the point of a box nearest to (x, y, z), both relative to its center, in the world's axes [m].
 
-    `pose` has shape (12,), `solid` SOLID numbers.
+    `pose` has shape (12,), `solid` shape (SOLID,).
     """
     u = v = w = 0.0
     for i in range(3):
@@ -214,7 +215,7 @@ def _nearest(pose: Floats1, solid: Floats1, x: float, y: float, z: float) -> tup
 
 @compiled(lean=True, inline=True)
 def _extent(pose: Floats1, solid: Floats1, x: float, y: float, z: float) -> float:
-    """Return sum_i h_i |a_i . n| of a box [m], n = (x, y, z); shapes as of `_nearest`."""
+    """Return sum_i h_i |a_i . n| of a box [m], n = (x, y, z); pose shape (12,), solid shape (SOLID,)."""
     total = 0.0
     for i in range(3):
         h, k = solid[_HALF + i], 3 + 3 * i
@@ -225,7 +226,7 @@ def _extent(pose: Floats1, solid: Floats1, x: float, y: float, z: float) -> floa
 
 @compiled(lean=True, inline=True)
 def _of_balls(bodies: Bodies, poses: Poses, pair: int) -> float:
-    """Return a lower bound of the distance of a pair, that of the balls around its bodies [m]."""
+    """Return a lower bound of the distance of a pair [m], from the bounding spheres of its bodies."""
     a, b = bodies.pairs[pair, 0], bodies.pairs[pair, 1]
     here, there = poses.bodies[a], poses.bodies[b]
     x, y, z = here[0] - there[0], here[1] - there[1], here[2] - there[2]
@@ -238,14 +239,14 @@ def _of_balls(bodies: Bodies, poses: Poses, pair: int) -> float:
 
 @compiled(lean=True)
 def _of_solids(bodies: Bodies, poses: Poses, pair: int, known: float, enough: float) -> tuple[float, float]:
-    """Return a lower and an upper bound of the distance of a pair [m], by its solids.
+    """Return a lower and an upper bound of the distance of a pair [m], from its solids.
 
     Args:
         bodies: The bodies.
-        poses: Where they are.
-        pair: The pair.
-        known: A lower bound.
-        enough: A lower bound from which on none better is needed.
+        poses: Their poses.
+        pair: Index of the pair.
+        known: A lower bound that is known [m].
+        enough: A lower bound that suffices, at which the search ends [m].
 
     Returns:
         The bounds; the upper one is infinite for bodies that are not their solids.
@@ -280,7 +281,7 @@ def _of_solids(bodies: Bodies, poses: Poses, pair: int, known: float, enough: fl
 
 @compiled(lean=True, inline=True)
 def _approach(bodies: Bodies, motion_bounds: Floats2, steps: Floats2, pair: int) -> tuple[float, float]:
-    """Return how much nearer a pair may come by two sets of steps of the joints, shape (2, J) [m]."""
+    """Return how much nearer a pair may come [m] in two sets of maximum joint steps, shape (2, J)."""
     one = two = 0.0
     for e in range(bodies.first[pair], bodies.first[pair + 1]):
         j = bodies.joints[e]
@@ -291,7 +292,7 @@ def _approach(bodies: Bodies, motion_bounds: Floats2, steps: Floats2, pair: int)
 
 @compiled(lean=True)
 def _steps(path: Floats2, start: int, end: int, middle: int, steps: Floats1) -> None:
-    """Write how far each joint moves at most from one configuration to others, shape (J,) [rad or m]."""
+    """Write the maximum distance of each joint from its middle, shape (J,) [rad or m]; path: shape (T, J)."""
     for j in range(steps.size):
         steps[j] = 0.0
     for i in range(start, end):
@@ -301,7 +302,7 @@ def _steps(path: Floats2, start: int, end: int, middle: int, steps: Floats1) -> 
 
 @compiled(lean=True)
 def _later(times: Floats1, start: int, end: int, middle: int) -> float:
-    """Return how much later it becomes than at one configuration, of times of shape (T,) [s]."""
+    """Return the maximum time after the middle configuration's [s]; times: shape (T,)."""
     later = 0.0
     for i in range(start, end):
         later = max(later, times[i] - times[middle])
@@ -310,7 +311,7 @@ def _later(times: Floats1, start: int, end: int, middle: int) -> float:
 
 @compiled(lean=True)
 def _place(bodies: Bodies, path: Floats2, poses: Poses, search: ClearanceSearch) -> None:
-    """Place the open pairs in the middle of a stretch, and write the steps to its halves; path: (T, J)."""
+    """Place the open pairs at the middle of an interval, and write the steps to its halves; path: (T, J)."""
     at = search.at
     middle = at[MIDDLE]
     for b in range(poses.used.size):
@@ -326,7 +327,7 @@ def _place(bodies: Bodies, path: Floats2, poses: Poses, search: ClearanceSearch)
 
 @compiled(lean=True)
 def _close(search: ClearanceSearch, limit: float) -> None:
-    """Remove open pairs that stay farther than a limit in the whole stretch."""
+    """Remove open pairs that stay farther apart than a limit in the whole interval."""
     at, count = search.at, 0
     for i in range(at[OPEN]):
         if search.low[i] - max(search.near[i, 0], search.near[i, 1]) < limit:
@@ -347,10 +348,10 @@ def _move(search: ClearanceSearch, i: int, k: int) -> None:
 
 @compiled(lean=True)
 def _look(bodies: Bodies, path: Floats2, times: Floats1, poses: Poses, search: ClearanceSearch) -> None:
-    """Bound the distances of the open pairs in the middle of a stretch, and choose those to measure.
+    """Bound the distances of the open pairs in the middle of an interval, and select the pairs to measure.
 
-    A pair is closed where it stays farther than the least distance found, or than what another pair has in
-    this middle at most.  Shapes are those of `search_least`.
+    A pair is closed if it stays farther apart than the least distance found, or than the upper bound of
+    another pair's distance in this middle.  `path` has shape (T, J), `times` shape (T,).
     """
     at, count = search.at, 0
     middle = at[MIDDLE]
@@ -387,7 +388,7 @@ def _look(bodies: Bodies, path: Floats2, times: Floats1, poses: Poses, search: C
 
 @compiled(lean=True)
 def _take(search: ClearanceSearch, count: int) -> bool:
-    """Choose the next of `count` configurations to look at, and its open pairs; False if all is done."""
+    """Select the next interval of `count` configurations and its open pairs; False if none is left."""
     at, limit = search.at, search.best[0] + ROUNDING
     if at[NEXT] < count:
         at[START], at[END] = at[NEXT], min(at[NEXT] + FIRST, count)
@@ -422,7 +423,7 @@ def _take(search: ClearanceSearch, count: int) -> bool:
 
 @compiled(lean=True)
 def _bound(search: ClearanceSearch, half: int) -> float:
-    """Return a lower bound of the distances of the pairs that are open in a half [m]."""
+    """Return a lower bound of the distances of the pairs that are open in a half interval [m]."""
     bound = math.inf
     for i in range(search.at[OPEN]):
         if search.near[i, half] > _STILL:
@@ -432,7 +433,7 @@ def _bound(search: ClearanceSearch, half: int) -> float:
 
 @compiled(lean=True)
 def _keep(search: ClearanceSearch, half: int, bound: float) -> None:
-    """Let a half of the stretch that was looked at wait, with the pairs that are open there."""
+    """Queue a half of the current interval, with the pairs that are open there."""
     at, limit = search.at, search.best[0] + ROUNDING
     start, end = (at[START], at[MIDDLE]) if half == 0 else (at[MIDDLE] + 1, at[END])
     if bound >= limit or start >= end:
@@ -456,18 +457,18 @@ def _keep(search: ClearanceSearch, half: int, bound: float) -> None:
 
 @compiled("int64(Bodies, float64[:, ::1], float64[::1], Poses, ClearanceSearch)")
 def search_least(bodies: Bodies, path: Floats2, times: Floats1, poses: Poses, search: ClearanceSearch) -> int:
-    """Search for the least distance along a path until distances have to be measured.
+    """Search for the minimum distance along a path until distances have to be measured.
 
-    Stretches of the path are halved, each with the pairs that are open in it, those first whose bounds are
-    least, until no bound is below the least distance found and `ROUNDING`.
+    Intervals of the path are halved, each with its open pairs, the lowest bound first, until no bound is
+    below the least distance found by more than `ROUNDING`.
 
     Args:
         bodies: The bodies and pairs.
         path: Coordinates of the joints, shape (T, J) [rad or m].
-        times: Of the configurations [s], shape (T,).
+        times: Times of the configurations [s], shape (T,).
         poses: Workspace.
-        search: Where the search is, changed.  Before it continues, the distances that were asked for are
-            written to `low` (those above the least of all may be left out), and the least to `best`.
+        search: State of the search, changed.  Before it continues, the caller writes the measured distances
+            to `low` (distances above the minimum may be left out), and the minimum to `best`.
 
     Returns:
         DONE, MEASURE or GROW.

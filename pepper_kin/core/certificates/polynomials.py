@@ -1,11 +1,11 @@
-"""Piecewise polynomials: values by Horner's scheme, bounds and extremes by Bernstein's basis.
+"""Piecewise polynomials: values by Horner's scheme, bounds and extrema in the Bernstein basis.
 
-On a piece of length h, with u = t / h in [0, 1], a polynomial sum_p c_p t^p has the Bernstein coefficients
+On a segment of length h, with u = t / h in [0, 1], a polynomial sum_p c_p t^p has the Bernstein coefficients
 
     b_i = sum_{p <= i} C(i, p) / C(k, p) c_p h^p,   i = 0 ... k:
 
-the first and the last are its values at the ends, and none of its values is above the greatest of them (the
-convex hull property; G. Farin, Curves and Surfaces for CAGD, 2002).
+the first and the last are its values at the ends, and no value is above the maximum coefficient (the convex
+hull property; G. Farin, Curves and Surfaces for CAGD, 2002).
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Ints1
 
 ROUNDING = 1e-13
-"""Of the greatest coefficient: what an extreme is known to."""
-_DEEPEST = 64  # halves of a piece that wait: each is half as long as the one before, which ends with doubles
+"""Tolerance of an extremum, relative to the maximum absolute coefficient."""
+_DEEPEST = 64  # depth of the stack of halves: doubles cannot be halved more often
 
 
 @compiled("void(float64[:, :, ::1], int64[::1], float64[::1], float64[:, :, ::1])")
@@ -28,9 +28,9 @@ def evaluate(coefficients: Floats3, segment: Ints1, local: Floats1, state: Float
 
     Args:
         coefficients: Constant term first, shape (m, k, n).
-        segment: Indices of pieces, shape (T,).
-        local: Times from their starts [s], shape (T,).
-        state: Written, shape (d, T, n), 1 <= d <= 4.
+        segment: Indices of segments, shape (T,).
+        local: Times from the segments' starts [s], shape (T,).
+        state: Output, derivative by derivative, shape (d, T, n), 1 <= d <= 4.
     """
     orders = state.shape[0]
     for t in range(segment.size):
@@ -53,9 +53,10 @@ def evaluate(coefficients: Floats3, segment: Ints1, local: Floats1, state: Float
 
 @compiled(lean=True)
 def _scale(count: int, order: int, step: float, scale: Floats1) -> int:
-    """Write what coefficients of a derivative of a piece are multiplied with; return how many there are.
+    """Write the factors from a segment's coefficients to a derivative's scaled ones; return their number.
 
-    With k its degree, its coefficient p is (p + order)! / p! c_{p + order}, of which h^p / C(k, p) is wanted.
+    With k the derivative's degree, its coefficient p is (p + order)! / p! c_{p + order}; the factor includes
+    h^p / C(k, p).
     """
     size = max(count - order, 1)
     power, choices = 1.0, 1.0
@@ -71,7 +72,7 @@ def _scale(count: int, order: int, step: float, scale: Floats1) -> int:
 
 @compiled(lean=True, inline=True)
 def _bernstein(own: Floats2, j: int, order: int, scale: Floats1, row: Floats1, size: int) -> None:
-    """Write the Bernstein coefficients of a derivative of a piece, by sums of neighbors.
+    """Write the Bernstein coefficients of a derivative of a segment by repeated sums of adjacent entries.
 
     With a_p the scaled coefficients, b_i = sum_p C(i, p) a_p: k rounds of adding to each its predecessor.
     """
@@ -84,13 +85,13 @@ def _bernstein(own: Floats2, j: int, order: int, scale: Floats1, row: Floats1, s
 
 @compiled("void(float64[:, :, ::1], int64[::1], float64[:, ::1], float64[:, :, ::1])")
 def derivative_bounds(coefficients: Floats3, segment: Ints1, parts: Floats2, bounds: Floats3) -> None:
-    """Write bounds on the derivatives of parts of pieces, the greatest of their Bernstein coefficients.
+    """Write bounds on the derivatives of parts of segments: the maximum absolute Bernstein coefficients.
 
     Args:
         coefficients: Constant term first, shape (m, k, n), k <= 32.
-        segment: The piece of each part, shape (c,).
-        parts: Time from the start of the piece to that of the part, and its length [s], shape (c, 2).
-        bounds: Written, bounds on |d^o p / dt^o|, o = 0 ... , shape (orders, c, n).
+        segment: Index of the segment of each part, shape (c,).
+        parts: Start of each part after its segment's start, and its length [s], shape (c, 2).
+        bounds: Output, bounds on |d^o p / dt^o|, o = 0 ... , shape (orders, c, n).
     """
     count = coefficients.shape[1]
     moved, row, scale = np.empty((count, coefficients.shape[2])), np.empty(count), np.empty(count)
@@ -117,25 +118,25 @@ def derivative_bounds(coefficients: Floats3, segment: Ints1, parts: Floats2, bou
 
 @compiled(lean=True)
 def _halve(rows: Floats2, depth: int, count: int) -> None:
-    """Replace a row, shape (k,), by the right half of its polynomial, and write the left one behind it."""
+    """Split a row of coefficients, shape (k,): its right half stays, the left half goes to the next row."""
     right, left = rows[depth], rows[depth + 1]
     for i in range(count):
         left[i] = right[0]
         for p in range(count - 1 - i):
             right[p] = (right[p] + right[p + 1]) / 2.0
-    # The last coefficient of each round stays: they are the right half, in order.
+    # The last coefficient of each round stays: the row is the right half, in order.
 
 
 @compiled(lean=True)
 def _search(rows: Floats2, ends: Floats2, count: int, tolerance: float, best: Floats1) -> None:
-    """Replace the greatest value and its time, shape (2,), where a polynomial has greater ones.
+    """Update the maximum value and its time, shape (2,), by a polynomial's greater values.
 
     Args:
-        rows: Its Bernstein coefficients in the first row; the others are workspace.
-        ends: Where it begins and ends in the first row; the others are workspace.
+        rows: Bernstein coefficients in the first row; the other rows are workspace.
+        ends: Start and end times in the first row; the other rows are workspace.
         count: Number of coefficients.
-        tolerance: What the greatest value may be off.
-        best: Changed.
+        tolerance: Absolute tolerance of the maximum.
+        best: Maximum value and its time, changed.
     """
     depth = 0
     while depth >= 0:
@@ -155,16 +156,16 @@ def _search(rows: Floats2, ends: Floats2, count: int, tolerance: float, best: Fl
 
 @compiled("void(float64[::1], float64[:, :, ::1], int64, float64[:, :, ::1])")
 def extremes(breaks: Floats1, coefficients: Floats3, order: int, found: Floats3) -> None:
-    """Write the greatest values of a derivative of a piecewise polynomial and of its negative, to `ROUNDING`.
+    """Write the extrema of a derivative of a piecewise polynomial, to a tolerance of `ROUNDING`.
 
-    Pieces whose greatest Bernstein coefficient is above the greatest value found so far are halved (de
-    Casteljau) until none is above it by more than rounding.
+    Segments whose maximum Bernstein coefficient is above the maximum value found so far are halved (de
+    Casteljau) until none is above it by more than the tolerance.
 
     Args:
-        breaks: Ends of the pieces [s], shape (m + 1,).
+        breaks: Ends of the segments [s], shape (m + 1,).
         coefficients: Constant term first, shape (m, k, n).
-        order: Of the derivative.
-        found: Written: for each joint the greatest value and its time, then those of the negative, (n, 2, 2).
+        order: Order of the derivative.
+        found: Output: for each joint the maximum and its time, then those of the negative, shape (n, 2, 2).
     """
     m, count, n = coefficients.shape
     rows, ends, scale = np.empty((_DEEPEST + 2, count)), np.empty((_DEEPEST + 2, 2)), np.empty(count)

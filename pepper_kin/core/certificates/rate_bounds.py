@@ -14,25 +14,26 @@ from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Flags1, Floats1, Floats2, Floats3, Ints1
 
 TURNING, UNIT, ORIGIN, LINK = 0, 4, 9, 14
-"""Where the rows of a link begin: its angular velocity, orders 0 to 3; a unit vector fixed in it, 0 to 4; its
-joint's origin, 0 to 4, of which those from 1 on count; and the size of all."""
+"""Offsets into a link's bounds: angular velocity, orders 0 to 3; a unit vector fixed in it, 0 to 4; its
+joint's origin, 0 to 4 (order 0 is unused); and the total size."""
 FORCE, MOMENT, WRENCH = 0, 3, 6
-"""Where those of what its joint carries begin: force and moment about its origin, orders 0 to 2 each."""
+"""Offsets into the bounds of a joint's wrench: force and moment about its origin, orders 0 to 2; total
+size."""
 
 
 class Chain(NamedTuple):
-    """J joints, the universe first, parents before children, and masses.
+    """J joints, the universe first, parents before children, and M masses.
 
     Attributes:
-        parents: Of each joint, shape (J,).
-        places: Of its coordinate, shape (J,).
-        slides: Whether it slides, shape (J,).
-        lengths: From the parent's origin to its own at zero [m], shape (J,).
-        armature: Of each coordinate [kg m^2 or kg], shape (J - 1,).
-        carriers: The joint that carries each mass, shape (M,).
+        parents: Parent of each joint, shape (J,).
+        places: Index of each joint's coordinate, shape (J,).
+        slides: Whether a joint is prismatic, shape (J,).
+        lengths: Distance from the parent's origin to the joint's own at zero [m], shape (J,).
+        armature: Armature of each coordinate [kg m^2 or kg], shape (J - 1,).
+        carriers: Joint that carries each mass, shape (M,).
         masses: Mass [kg], distance of its center from the joint's origin [m], and norm of its inertia about
             the center [kg m^2], shape (M, 3).
-        gravity: [m/s^2].
+        gravity: Magnitude of gravity [m/s^2].
     """
 
     parents: Ints1
@@ -47,7 +48,7 @@ class Chain(NamedTuple):
 
 @compiled(lean=True, inline=True)
 def _choices(k: int, i: int) -> float:
-    """Return C(k, i), k <= 4."""
+    """Return the binomial coefficient C(k, i), k <= 4."""
     if i == 0 or i == k:
         return 1.0
     if i == 1 or i == k - 1:
@@ -57,7 +58,7 @@ def _choices(k: int, i: int) -> float:
 
 @compiled(lean=True)
 def _product(first: Floats1, second: Floats1, order: int, out: Floats1) -> None:
-    """Write bounds on a product and its derivatives up to an order, shape (order + 1,), not over a factor."""
+    """Write bounds on a product up to an order, shape (order + 1,); `out` must not overlap a factor."""
     for k in range(order + 1):
         total = 0.0
         for i in range(k + 1):
@@ -67,7 +68,7 @@ def _product(first: Floats1, second: Floats1, order: int, out: Floats1) -> None:
 
 @compiled(lean=True)
 def _outward(chain: Chain, rates: Floats2, links: Floats2, work: Floats2) -> None:
-    """Write the rows of all links; `rates` are those of the coordinates, shape (n, 5)."""
+    """Write the bounds of all links, parents first; `rates` has bounds of the coordinates, shape (n, 5)."""
     for k in range(LINK):
         links[0, k] = 0.0
     links[0, UNIT] = 1.0
@@ -94,7 +95,7 @@ def _outward(chain: Chain, rates: Floats2, links: Floats2, work: Floats2) -> Non
 
 @compiled(lean=True)
 def _inward(chain: Chain, rates: Floats2, links: Floats2, wrenches: Floats2, work: Floats2) -> None:
-    """Write the rows of forces and moments that joints carry, tips first; shapes: see `bound_rates`."""
+    """Write bounds on the wrenches of all joints, tips first; shapes: see `bound_rates` for one segment."""
     for i in range(chain.parents.size):
         for k in range(WRENCH):
             wrenches[i, k] = 0.0
@@ -132,14 +133,14 @@ def _inward(chain: Chain, rates: Floats2, links: Floats2, wrenches: Floats2, wor
 
 @compiled("void(Chain, float64[:, :, ::1], float64[:, :, ::1], float64[:, :, ::1], float64[:, ::1])")
 def bound_rates(chain: Chain, rates: Floats3, links: Floats3, wrenches: Floats3, torques: Floats2) -> None:
-    """Write bounds on the pieces of a motion.
+    """Write bounds on the torque's second derivative in each segment of a motion.
 
     Args:
         chain: The joints and masses.
         rates: Bounds on |d^k q / dt^k|, k = 0 ... 4, shape (m, n, 5).
-        links: Written, rows of the links, shape (m, J, LINK).
-        wrenches: Written, rows of what the joints carry, shape (m, J, WRENCH).
-        torques: Written, bounds on d2 tau / dt2 [N m/s^2 or N/s^2], shape (m, n).
+        links: Output, bounds of the links, shape (m, J, LINK).
+        wrenches: Output, bounds of the joints' wrenches, shape (m, J, WRENCH).
+        torques: Output, bounds on d2 tau / dt2 [N m/s^2 or N/s^2], shape (m, n).
     """
     work = np.empty((4, 5))
     for p in range(rates.shape[0]):

@@ -1,4 +1,4 @@
-"""Balls around points, and inside a convex hull, by steps that end near the best."""
+"""Bounding spheres of spheres, and inscribed spheres of convex hulls, both nearly optimal."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ ROUNDS = 40
 
 @compiled("float64(float64[:, ::1], float64[::1], float64[::1])")
 def ball_around_balls(points: Array, radii: Array, center: Array) -> float:
-    """Return the radius of a small ball that holds balls (Badoiu and Clarkson, 2003) [m].
+    """Return the radius of a small sphere that encloses spheres (Badoiu and Clarkson, 2003) [m].
 
     Args:
-        points: Centers of the balls, shape (k, 3) [m].
-        radii: Their radii, shape (k,) [m].
-        center: Of the ball, written, shape (3,) [m].
+        points: Centers of the spheres, shape (k, 3) [m].
+        radii: Radii of the spheres, shape (k,) [m].
+        center: Center of the enclosing sphere, output, shape (3,) [m].
     """
     count = points.shape[0]
     for i in range(3):
@@ -40,14 +40,14 @@ def ball_around_balls(points: Array, radii: Array, center: Array) -> float:
 
 @compiled("float64(float64[:, ::1], float64[::1], float64[::1], float64[::1])")
 def ball_within_planes(planes: Array, low: Array, high: Array, center: Array) -> float:
-    """Return the radius of a large ball inside a hull, its center in a box, by steps inward [m].
+    """Return the radius of a large sphere inside a convex hull, its center inside a box, by iteration [m].
 
     Args:
-        planes: Outward normals of the hull's faces, and what to add to n . x for the height above each, shape
-            (k, 4) [m].
-        low: Least corner of the box, shape (3,) [m].
-        high: Greatest corner, shape (3,) [m].
-        center: Of the ball, written, shape (3,) [m].
+        planes: Outward unit normal n of each of the hull's faces, and offset d of the height n . x + d above
+            the face, shape (k, 4) [m].
+        low: Minimum corner of the box, shape (3,) [m].
+        high: Maximum corner of the box, shape (3,) [m].
+        center: Center of the sphere, output, shape (3,) [m].
     """
     radius, step, x, y, z = -math.inf, 0.0, 0.0, 0.0, 0.0
     for i in range(3):

@@ -1,4 +1,4 @@
-"""The compiled check of configurations: joint ranges, balls, then exact cores for what is in doubt."""
+"""Compiled collision check of configurations: joint ranges, spheres, then exact cores for undecided pairs."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ from pepper_kin.kernels.records import DOUBLES
 from pepper_kin.kernels.signatures import Ints1
 
 MOST_BITS = 61
-"""Classes of pairs and groups from here on share a bit."""
+"""Bits for pair classes and for groups; all indices from this one on share a bit."""
 
 
 @compiled
 def _all_within(values: Array, widest: float) -> bool:
-    """Whether all numbers, shape (k,), are within [-widest, widest]; false where one is NaN."""
+    """Return whether all numbers, shape (k,), are within [-widest, widest]; False if one is NaN."""
     beyond = 0
     for i in range(values.size):
         beyond |= not abs(values[i]) <= widest
@@ -54,9 +54,9 @@ def _all_within(values: Array, widest: float) -> bool:
 
 @compiled
 def _start(memory: Array, rows: Array, count: int) -> int:
-    """Decide what joint ranges decide of configurations, shape (count n,) [rad or m]; queue the rest.
+    """Write the verdicts that joint ranges decide, and queue the other configurations; return their number.
 
-    Returns how many are queued.
+    The configurations have shape (count n,) [rad or m].  One with a value beyond WIDEST is a TIE.
     """
     head, queue = at.head_of(memory), section_bits(memory, at.QUEUE)
     status, heads = section_bits(memory, at.STATUS), section(memory, at.TABLE_HEADS)
@@ -83,14 +83,14 @@ def _start(memory: Array, rows: Array, count: int) -> int:
 
 @compiled
 def _take_doubts(memory: Array, t: Tables, first: int, count: int, contact: int) -> int:
-    """Note what of the last block is in doubt; return the lanes.
+    """Note the pair classes and groups that the last block leaves in doubt; return the lanes in doubt.
 
     Args:
         memory: The block, shape (s,).
-        t: Its tables.
-        first: Place in QUEUE of the configuration in the first lane.
+        t: The block's tables.
+        first: Index in QUEUE of the configuration in the first lane.
         count: Number of configurations.
-        contact: Lanes in contact, of which no doubt is noted.
+        contact: Lanes in contact, for which no doubt is noted.
     """
     doubts = 0
     if word_at(t.doubtful) == 0:
@@ -112,7 +112,7 @@ def _take_doubts(memory: Array, t: Tables, first: int, count: int, contact: int)
 
 @compiled(inline=True, lean=True)
 def _gather(places: int, rows: int, n: int, queue: int, count: int) -> None:
-    """Write configurations of a queue side by side; the last is repeated to fill all lanes."""
+    """Write queued configurations lane by lane; the last one is repeated to fill all lanes."""
     for i in range(LANES):
         row = DOUBLES.at(rows, n * word_at(queue, min(i, count - 1)))
         for k in range(n):
@@ -121,12 +121,12 @@ def _gather(places: int, rows: int, n: int, queue: int, count: int) -> None:
 
 @compiled("int64(float64[::1], float64[::1], int64)")
 def check_rows(memory: Array, rows: Array, count: int) -> int:
-    """Write the verdicts on configurations into STATUS; returns how many were in doubt.
+    """Write the verdicts on configurations into STATUS; return the number in doubt after the spheres.
 
     Args:
         memory: The block, shape (s,).
         rows: Configurations, one after the other, shape (count n,) [rad or m].
-        count: How many, STATES_AT_ONCE at most.
+        count: Number of configurations, STATES_AT_ONCE at most.
     """
     kept, t, doubts = _start(memory, rows, count), tables_of(memory), 0
     n, status = HEAD.joints(at.head_of(memory)), section_bits(memory, at.STATUS)
@@ -146,14 +146,14 @@ def check_rows(memory: Array, rows: Array, count: int) -> int:
 
 @compiled("int64(float64[::1], float64[:, ::1], uint8[::1], int64, int64)")
 def check_many(memory: Array, q: Array, verdicts: NDArray[np.uint8], begin: int, end: int) -> int:
-    """Write the verdicts on rows of q from `begin` to `end`; return how many of them balls leave in doubt.
+    """Write the verdicts on rows of q; return how many of them the spheres leave in doubt.
 
     Args:
         memory: The block, shape (s,).
         q: Configurations, shape (m, n) [rad or m].
-        verdicts: Receives FREE, CONTACT or TIE of each, shape (m,).
-        begin: The first row.
-        end: The row behind the last.
+        verdicts: Output: FREE, CONTACT or TIE of each row, shape (m,).
+        begin: Index of the first row.
+        end: Index after the last row.
     """
     n, doubts, status = q.shape[1], 0, section_bits(memory, at.STATUS)
     flat = q.reshape(-1)
@@ -179,7 +179,7 @@ def _state(memory: Array, row: int, a: Array, b: Array, fraction: float) -> None
 
 @compiled
 def _within_ranges(memory: Array, a: Array, b: Array) -> bool:
-    """Whether all of an edge from a to b, shape (k,) [rad or m], keeps the tabulated ranges of joints."""
+    """Return whether all of an edge from a to b, shape (k,) [rad or m], keeps the dependent ranges."""
     heads, tables = section(memory, at.TABLE_HEADS), section(memory, at.TABLES)
     if heads.size == 0:
         return True
@@ -192,7 +192,7 @@ def _within_ranges(memory: Array, a: Array, b: Array) -> bool:
 
 @compiled
 def _decided_free(memory: Array, count: int) -> bool:
-    """Whether the first states in ROWS of a block, shape (s,), all in doubt, are free by the exact check."""
+    """Return whether the first `count` states in ROWS of a block, shape (s,), are free by the exact check."""
     status = section_bits(memory, at.STATUS)
     for i in range(count):
         status[i] = FREE
@@ -205,16 +205,16 @@ def _decided_free(memory: Array, count: int) -> bool:
 
 @compiled
 def _queue_doubts(memory: Array, t: Tables, a: Array, b: Array, waiting: int, k: int, blocks: int) -> int:
-    """Add the states in doubt, of eight on an edge, to those that wait; return how many wait now.
+    """Queue the undecided states of one block of eight states on an edge; return the queue's length.
 
     Args:
         memory: The block, shape (s,).
-        t: Its tables.
-        a: Values of the free joints at the beginning of the edge, shape (k,) [rad or m].
-        b: The same at the end, shape (k,).
-        waiting: Number of states that wait already.
-        k: Which eight states of the edge, from 0.
-        blocks: How many eights of states the edge has.
+        t: The block's tables.
+        a: Values of the free joints at the start of the edge, shape (k,) [rad or m].
+        b: Values of the free joints at the end of the edge, shape (k,) [rad or m].
+        waiting: Length of the queue so far.
+        k: Index of the block of eight states, from 0.
+        blocks: Number of blocks of eight states on the edge.
     """
     queue = section_bits(memory, at.QUEUE)
     classes, groups = section_bits(memory, at.ROW_CLASSES), section_bits(memory, at.ROW_GROUPS)
@@ -232,17 +232,17 @@ def _queue_doubts(memory: Array, t: Tables, a: Array, b: Array, waiting: int, k:
 
 @compiled
 def _held(memory: Array, a: Array, b: Array, count: int) -> bool:
-    """Whether states of an edge can be held still, with what is carried, without tipping over.
+    """Return whether states of an edge can be held still, with the payload, without tipping over.
 
-    The kernel takes configurations and the masses in LOADS, as many side by side as it has lanes, and returns
-    the torques, and, where EDGES has any, the floor's force and moments that these are multiplied by: where
-    the product is below zero, only a pull of the floor could keep the robot from tipping.
+    The kernel takes configurations and the masses in LOADS, a batch of as many as it has lanes, and returns
+    torques.  If there are EDGES, it also returns the floor's force and moments, which the rows of EDGES
+    multiply: a product below zero means that only a pull of the floor could keep the robot from tipping.
 
     Args:
         memory: The block, shape (s,); ROWS receives the states.
-        a: Values of the free joints, shape (k,) [rad or m].
-        b: The same at the end, shape (k,).
-        count: Number of states, a multiple of eight.
+        a: Values of the free joints at the start, shape (k,) [rad or m].
+        b: Values of the free joints at the end, shape (k,) [rad or m].
+        count: Number of states, a multiple of the kernel's lanes.
     """
     head, rows, scratch = at.head_of(memory), section(memory, at.ROWS), section(memory, at.GRAVITY)
     effort, loads = section(memory, at.EFFORT), section(memory, at.LOADS)
@@ -275,18 +275,18 @@ def _held(memory: Array, a: Array, b: Array, count: int) -> bool:
 
 @compiled
 def is_edge_valid(memory: Array, a: Array, b: Array, steps: int) -> bool:
-    """Whether at least `steps` states from a to b, evenly spaced and b among them, are valid.
+    """Return whether at least `steps` states from a to b, evenly spaced and b among them, are valid.
 
-    Eight states are checked side by side.  The first eight are spread from end to end, the next lie a little
+    Eight states are checked at a time.  The first eight are spread from end to end, the next lie a little
     before them, and so on, since obstacles are mostly wider than the distance between two states.  States
-    that balls leave in doubt wait until all of the edge has been examined.
+    that the spheres leave in doubt are queued and decided after the others, or when the queue is full.
 
     Args:
         memory: The block, shape (s,); its section FREE lists the joints of a and b, FROZEN has the positions
-            of the others.
-        a: Values of the free joints, shape (k,) [rad or m].
-        b: The same at the end, shape (k,).
-        steps: Number of states, which is rounded up to a multiple of eight.
+            of all joints.
+        a: Values of the free joints at the start, shape (k,) [rad or m].
+        b: Values of the free joints at the end, shape (k,) [rad or m].
+        steps: Number of states, rounded up to a multiple of eight.
     """
     head, t = at.head_of(memory), tables_of(memory)
     blocks, waiting = (steps + LANES - 1) // LANES, 0
@@ -317,7 +317,7 @@ def is_edge_valid(memory: Array, a: Array, b: Array, steps: int) -> bool:
 
 @compiled("void(float64[::1])")
 def place_frozen(memory: Array) -> None:
-    """Place all bodies of a block, shape (s,), by FROZEN; those that no free joint moves stay there."""
+    """Place all bodies of a block, shape (s,), at FROZEN; bodies that no free joint moves stay there."""
     frozen, coordinates = section(memory, at.FROZEN), section_single(memory, at.COORDINATES)
     for k in range(frozen.size):
         for i in range(LANES):
@@ -327,15 +327,15 @@ def place_frozen(memory: Array) -> None:
 
 @compiled("void(float64[::1], float64[::1], float64[::1], int64, int64, int64[::1])")
 def begin_motion(memory: Array, frozen: Array, effort: Array, gravity: int, lanes: int, moves: Ints1) -> None:
-    """Make a block ready for a motion.
+    """Prepare a block for the checks of one motion.
 
     Args:
         memory: The block, shape (s,).
         frozen: Positions of the joints that do not move, shape (n,) [rad or m].
-        effort: Greatest torque or force of each joint while holding still, shape (n,) [N m or N].
-        gravity: Address of the kernel's `block` of the torques that hold still; 0: these are not checked.
-        lanes: How many states it takes side by side, eight or a part of that.
-        moves: For each body 1 if the motion moves it, the world last, shape (bodies,).
+        effort: Maximum torque or force of each joint while holding still, shape (n,) [N m or N].
+        gravity: Address of the kernel's `block` of the holding torques; 0: these are not checked.
+        lanes: Number of states that the kernel takes at a time, eight or a divisor of eight.
+        moves: 1 for each body that the motion moves, else 0; the world last, shape (bodies,).
     """
     stands, limits, gaps = section(memory, at.FROZEN), section(memory, at.EFFORT), section(memory, at.GAPS)
     for k in range(frozen.size):
@@ -357,13 +357,14 @@ def begin_motion(memory: Array, frozen: Array, effort: Array, gravity: int, lane
 
 @compiled("void(float64[::1], float64, float64, float64)")
 def set_margins(memory: Array, margin: float, self_margin: float, radius: float) -> None:
-    """Write the margins into a block, without allowances.
+    """Write the margins into a block, and set its allowances to zero.
 
     Args:
-        memory: The block, shape (s,); an empty one, where coal is asked about every state, stays empty.
-        margin: To the scene [m].
-        self_margin: Between two parts of the robot [m].
-        radius: About how far from their joint neighboring bodies meet: turns that into an angle [m].
+        memory: The block, shape (s,); an empty block, used when coal checks every state, stays empty.
+        margin: Margin to the scene [m].
+        self_margin: Margin between two parts of the robot [m].
+        radius: Approximate distance from their joint at which adjacent bodies touch: converts `self_margin`
+            to an angle [m].
     """
     if memory.size == 0:
         return
@@ -376,12 +377,12 @@ def set_margins(memory: Array, margin: float, self_margin: float, radius: float)
 
 @compiled("int64(int64, int64, int64, int64)", by_address=True)
 def row_verdicts(memory: int, rows: int, count: int, answers: int) -> int:
-    """Write the verdicts on configurations, all by addresses; see `check_rows`.
+    """Write the verdicts on configurations given by address; return the number in doubt, see `check_rows`.
 
     Args:
         memory: Address of the block.
         rows: Address of the configurations, one after the other, shape (count n,) [rad or m].
-        count: How many, STATES_AT_ONCE at most.
+        count: Number of configurations, STATES_AT_ONCE at most.
         answers: Address that receives FREE, CONTACT or TIE of each as an integer, shape (count,).
     """
     spans = floats_at(memory, at.SIZE + 1)
@@ -396,7 +397,7 @@ def row_verdicts(memory: int, rows: int, count: int, answers: int) -> int:
 
 @compiled("int64(int64, int64, int64, int64)", by_address=True)
 def valid_steps(a: int, b: int, steps: int, memory: int) -> int:
-    """Return `steps` if `is_edge_valid`, and else 0; the arrays are given by their addresses."""
+    """Return `steps` if `is_edge_valid`, else 0; `a`, `b` and `memory` are addresses."""
     spans = floats_at(memory, at.SIZE + 1)
     whole = floats_at(memory, int(spans[at.SIZE]))
     count = int(spans[2 * at.FREE + 1] - spans[2 * at.FREE])

@@ -1,10 +1,10 @@
-"""Clouds of points: grids of distances to the nearest point, and distances of balls and solids to them.
+"""Point clouds: distance fields on grids, and distances of spheres and solids to the points.
 
-For each cell of a grid, a field holds a lower bound of the distance of its center to the nearest point: that
-to the nearest cell with a point in it, by a distance transform along one axis after another.  A ball that is
-far from all points by the field costs a few loads.  For any other, points are sorted by bins of two cells'
-edge, row by row along x, so that those of neighboring bins of a row are side by side, and the rows that the
-ball meets are searched.
+For each cell of a grid, a field holds a lower bound of the distance from its center to the nearest point: the
+distance to the nearest cell that contains a point, by a distance transform along one axis after another.  A
+sphere that the field shows to be far from all points costs a few loads.  For any other sphere, the points are
+sorted by bins with an edge of two cells, row by row along x, so that adjacent bins of a row are contiguous,
+and the rows that the sphere meets are searched.
 """
 
 from __future__ import annotations
@@ -47,12 +47,12 @@ from pepper_kin.kernels.records import DOUBLES, SINGLES, RecordView, double
 
 _NAMES = "edge cells rows layers count widest field first xs ys zs points workspace"
 HEAD = RecordView("HEAD", low=3 * double, **dict.fromkeys(_NAMES.split(), double))
-"""The head of a cloud's block: least corner of the grid, edge of a cell, cells of a row (a multiple of
-eight), rows of a layer, layers, points, how many cells the field resolves at most, then places in the block,
-in doubles, of the field, the firsts of the bins, x, y and z of the points in single precision, their
-coordinates in double precision, and of workspace."""
+"""Head of a cloud's block: minimum corner of the grid, edge of a cell, number of cells of a row (a multiple
+of eight), of rows of a layer, of layers, of points, maximum number of cells that the field resolves; then
+offsets in the block, in doubles, of the field, of the bins' first points, of x, y and z of the points in
+single precision, of their coordinates in double precision, and of workspace."""
 BEYOND = 1e-5
-"""What ranges of cells are widened by, for rounding [m]."""
+"""Distance by which ranges of cells are widened against rounding [m]."""
 POINT_WORKSPACE = RecordView(
     "POINT_WORKSPACE",
     pair=GJK_WORKSPACE_SIZE * double,
@@ -61,16 +61,16 @@ POINT_WORKSPACE = RecordView(
     point=3 * double,
     axis=3 * double,
 )
-"""Workspace of `point_verdict` and `cloud_verdict`: that of `nearer_than`, half lengths and pose of a point,
-its coordinates, and an axis."""
+"""Workspace of `point_verdict` and `cloud_verdict`: workspace of `nearer_than`, half lengths and pose of a
+point, its coordinates, and an axis."""
 ROUNDED = 1e-6
-"""What the field may be wrong by, for rounding [m]."""
+"""Maximum rounding error of the field [m]."""
 FAR = 1e18
-"""Where no point is [m^2]."""
+"""Squared distance that stands for "no point" [m^2]."""
 
 
 class Cloud(NamedTuple):
-    """A cloud's grid, its bins and the addresses of its arrays; see HEAD."""
+    """Grid and bins of a cloud, and the addresses of its arrays; see HEAD."""
 
     x: float
     y: float
@@ -122,24 +122,24 @@ def cloud_at(address: int) -> Cloud:
 
 @compiled(inline=True)
 def _cell(x: float, low: float, rate: float, count: int) -> int:
-    """Return the cell of a coordinate, `rate` cells a meter, the nearest one where it is outside."""
+    """Return the index of the cell nearest to a coordinate; `rate` is in cells per meter."""
     place = (x - low) * rate
     return int(place) if 0.0 < place < count else (0 if place <= 0.0 else count - 1)
 
 
 @compiled("void(float64[:, ::1], float64[::1], float64[::1])")
 def build_cloud(points: Array, middle: Array, block: Array) -> None:
-    """Fill a cloud's block whose head is written.
+    """Fill a cloud's block whose head has been written.
 
     Args:
         points: Coordinates, shape (k, 3) [m].
-        middle: The origin of the cloud's frame, shape (3,) [m].
-        block: Written, except for its head, shape (s,).
+        middle: Origin of the cloud's frame, shape (3,) [m].
+        block: The block; everything after its head is output, shape (s,).
     """
     address, count = block.ctypes.data, points.shape[0]
     c, widest = cloud_at(address), HEAD.widest(address)
     cells, bins, rate = c.row * c.rows * c.layers, c.bins * c.bin_rows * c.bin_layers, 1.0 / c.edge
-    scratch = DOUBLES.at(address, int(HEAD.workspace(address)))  # of each point its bin, then lines of lanes
+    scratch = DOUBLES.at(address, int(HEAD.workspace(address)))  # bin of each point, then lines of lanes
     for k in range(0, cells, LANES):
         store_lanes(SINGLES.at(c.field, k), spread(widest * widest))
     for k in range(bins + 1):
@@ -158,7 +158,7 @@ def build_cloud(points: Array, middle: Array, block: Array) -> None:
     for k in range(bins):
         store_single(c.first, single_at(c.first, k) + single_at(c.first, k + 1), k + 1)
     places = floats_at(c.points, 3 * count)
-    for p in range(count):  # each cell's first moves to its end, which is put right below
+    for p in range(count):  # each bin's start moves to its end, which is corrected below
         cell = int(single_at(scratch, p))
         place = int(single_at(c.first, cell))
         store_single(c.first, place + 1.0, cell)
@@ -170,7 +170,7 @@ def build_cloud(points: Array, middle: Array, block: Array) -> None:
     for k in range(bins, 0, -1):
         store_single(c.first, single_at(c.first, k - 1), k)
     store_single(c.first, 0.0)
-    for i in range(LANES):  # read with the last eight points
+    for i in range(LANES):  # padding, loaded with the last points
         store_single(c.xs, 1e9, count + i)
         store_single(c.ys, 1e9, count + i)
         store_single(c.zs, 1e9, count + i)
@@ -181,12 +181,12 @@ def build_cloud(points: Array, middle: Array, block: Array) -> None:
 def _fill_field(c: Cloud, widest: int, scratch: int) -> None:
     """Write the field: squared distances along rows, then across them, then across layers.
 
-    A point somewhere in a cell that is e cells away along an axis is (e - 1/2) edges away at least.
+    A point anywhere in a cell that is e cells away along an axis is at least (e - 1/2) edges away.
 
     Args:
-        c: The cloud, its field zero where points are and not zero elsewhere.
-        widest: Distances above this many cells are not distinguished.
-        scratch: Address of workspace for as many singles as a layer has cells, or `layers` times a row.
+        c: The cloud; its field is zero where points are and not zero elsewhere.
+        widest: Distances above this number of cells are not distinguished.
+        scratch: Address of workspace of LANES singles for each row of a layer, or each layer.
     """
     most = (widest - 0.5) ** 2
     for r in range(c.rows * c.layers):
@@ -210,14 +210,14 @@ def _fill_field(c: Cloud, widest: int, scratch: int) -> None:
 
 @compiled
 def _spread_across(begin: int, stride: int, count: int, width: int, widest: int, scratch: int) -> None:
-    """Take of f(j) and all f(j + e) + (|e| - 1/2)^2 the least, for lines of singles.
+    """Replace f(j) by the minimum of f(j) and all f(j + e) + (|e| - 1/2)^2, for lines of singles.
 
     Args:
         begin: Address of the first line.
-        stride: Singles from one line to the next.
-        count: Lines.
-        width: Singles of a line.
-        widest: Distances above this many lines are not distinguished.
+        stride: Number of singles from one line to the next.
+        count: Number of lines.
+        width: Number of singles of a line.
+        widest: Distances above this number of lines are not distinguished.
         scratch: Address of workspace for `count` lanes.
     """
     for i in range(0, width, LANES):
@@ -238,22 +238,23 @@ def _spread_across(begin: int, stride: int, count: int, width: int, widest: int,
 
 @compiled(inline=True, lean=True)
 def _clamped(x: Any, low: float, high: float) -> Any:
+    """Return lanes clamped to [low, high]."""
     return lane_minimum(lane_maximum(x, spread(low)), spread(high))
 
 
 @compiled(lean=True)
 def field_squared(c: Cloud, x: Any, y: Any, z: Any, scratch: int) -> Any:
-    """Return in lanes a lower bound of the squared distance of points to a cloud's points [m^2].
+    """Return a lower bound of the squared distances of points to a cloud's points, in lanes [m^2].
 
-    The field is off by at most how far a point is from its cell's center.  A point outside the grid is at
-    least as far as it is from the grid, squared, and the nearest point of the grid from the cloud, squared:
-    the grid is convex.
+    The field is off by at most the distance of a point from its cell's center.  For a point outside the grid,
+    the squared distance is at least the sum of its squared distance from the grid and that of the nearest
+    point of the grid from the cloud: the grid is convex.
 
     Args:
         c: The cloud.
-        x: Coordinates in its frame [m].
-        y: The same.
-        z: The same.
+        x: x coordinates in the cloud's frame, in lanes [m].
+        y: y coordinates in lanes [m].
+        z: z coordinates in lanes [m].
         scratch: Address of workspace for eight singles.
     """
     edge, rate = c.edge, 1.0 / c.edge
@@ -279,15 +280,15 @@ def field_squared(c: Cloud, x: Any, y: Any, z: Any, scratch: int) -> Any:
 
 @compiled
 def nearest_squared(c: Cloud, x: float, y: float, z: float, reach: float, enough: float) -> float:
-    """Return the squared distance of a point to a cloud's points, or reach^2 where that is less [m^2].
+    """Return the squared distance of a point to a cloud's points, at most reach^2 [m^2].
 
     Args:
         c: The cloud.
-        x: Coordinate of the point in the cloud's frame [m].
-        y: The same.
-        z: The same.
+        x: x coordinate of the point in the cloud's frame [m].
+        y: y coordinate of the point [m].
+        z: z coordinate of the point [m].
         reach: Distance beyond which points do not count [m].
-        enough: A squared distance below which any will do [m^2].
+        enough: Squared distance below which the search ends with any point [m^2].
     """
     best, wide = reach * reach, reach + BEYOND
     k0, first, last = (
@@ -344,7 +345,7 @@ def nearest_squared(c: Cloud, x: float, y: float, z: float, reach: float, enough
 
 @compiled(lean=True)
 def point_to_core(core: ConvexCore, x: float, y: float, z: float) -> float:
-    """Return the distance of a point to a core: a box, a cylinder, or the box around a hull [m]."""
+    """Return the distance of a point to a core [m]: a box, a cylinder, or the box around a hull."""
     center, half = POSE.center(core.pose), VECTORS.xyz(core.half)
     u, v, w = turned(core.pose, x - center[0], y - center[1], z - center[2])
     w = max(abs(w) - half[2], 0.0)
@@ -363,9 +364,9 @@ def point_verdict(core: ConvexCore, place: int, threshold: float, tie: float, ax
         core: The core.
         place: Address of the point's coordinates.
         threshold: The distance [m].
-        tie: Distances within this of the threshold are ties [m].
-        axis: Address of the direction that parted the two last, changed.
-        scratch: Address of a POINT_WORKSPACE, zeros at first.
+        tie: Half width of the range around the threshold in which a distance is a TIE [m].
+        axis: Address of the direction that last separated the two, changed.
+        scratch: Address of a POINT_WORKSPACE, initially zeros.
     """
     x, y, z = VECTORS.xyz(place)
     distance = point_to_core(core, x, y, z)
@@ -383,16 +384,16 @@ def point_verdict(core: ConvexCore, place: int, threshold: float, tie: float, ax
 def cloud_verdict(
     core: ConvexCore, address: int, pose: int, reach: float, threshold: float, tie: float, places: int
 ) -> int:
-    """Return the verdict on a core and a cloud: whether any point is nearer than a threshold.
+    """Return whether any point of a cloud is nearer to a core than a threshold: FREE, CONTACT or TIE.
 
     Args:
         core: The core, in the world.
-        address: Of the cloud's block.
+        address: Address of the cloud's block.
         pose: Address of the cloud's frame in the world, center and axes, shape (12,).
-        reach: Points farther than this from the core's center do not count [m].
+        reach: Distance from the core's center beyond which points do not count [m].
         threshold: The distance [m].
-        tie: Distances within this of the threshold are ties [m].
-        places: Address of a POINT_WORKSPACE, zeros at first.
+        tie: Half width of the range around the threshold in which a distance is a TIE [m].
+        places: Address of a POINT_WORKSPACE, initially zeros.
     """
     c, worst = cloud_at(address), FREE
     point, axis = POINT_WORKSPACE.point_at(places), POINT_WORKSPACE.axis_at(places)
@@ -430,7 +431,7 @@ def _extent(core: ConvexCore, axis: tuple[float, float, float]) -> float:
 
 @compiled(inline=True, lean=True)
 def _placed(pose: int, u: float, v: float, w: float) -> tuple[float, float, float]:
-    """Return in the world a point in the frame of a cloud."""
+    """Return the world coordinates of a point in a cloud's frame."""
     center = POSE.center(pose)
     x, y, z = turned_back(pose, u, v, w)
     return center[0] + x, center[1] + y, center[2] + z
@@ -443,9 +444,9 @@ def point_in_cloud(place: int, pose: int, address: int, threshold: float, tie: f
     Args:
         place: Address of the point's coordinates.
         pose: Address of the cloud's frame, center and axes, shape (12,).
-        address: Of the cloud's block.
+        address: Address of the cloud's block.
         threshold: The distance [m].
-        tie: Distances within this of the threshold are ties [m].
+        tie: Half width of the range around the threshold in which a distance is a TIE [m].
     """
     c, reach = cloud_at(address), threshold + tie + BEYOND
     dx, dy, dz = between(place, pose)
@@ -472,15 +473,15 @@ def point_in_cloud(place: int, pose: int, address: int, threshold: float, tie: f
 def clouds_verdict(
     pose: int, address: int, other: int, addressed: int, threshold: float, tie: float, scratch: int
 ) -> int:
-    """Return the verdict on two clouds: whether points of both are nearer than a threshold.
+    """Return whether two clouds have points nearer than a threshold: FREE, CONTACT or TIE.
 
     Args:
-        pose: Address of the frame of the first in the world, center and axes, shape (12,).
-        address: Of its block.
-        other: The same of the second.
-        addressed: Of its block.
+        pose: Address of the first cloud's frame in the world, center and axes, shape (12,).
+        address: Address of the first cloud's block.
+        other: Address of the second cloud's frame in the world, center and axes, shape (12,).
+        addressed: Address of the second cloud's block.
         threshold: The distance [m].
-        tie: Distances within this of the threshold are ties [m].
+        tie: Half width of the range around the threshold in which a distance is a TIE [m].
         scratch: Address of a POINT_WORKSPACE.
     """
     c, worst, place = cloud_at(address), FREE, POINT_WORKSPACE.point_at(scratch)
@@ -496,7 +497,7 @@ def clouds_verdict(
 
 @compiled("void(float64[:, ::1], float64[::1])")
 def extent(points: Array, box: Array) -> None:
-    """Write the least and the greatest corner, shape (6,), of the box around points, shape (k, 3) [m]."""
+    """Write the minimum and the maximum corner, shape (6,), of the box around points, shape (k, 3) [m]."""
     for a in range(3):
         box[a], box[3 + a] = math.inf, -math.inf
     for p in range(points.shape[0]):
@@ -507,14 +508,17 @@ def extent(points: Array, box: Array) -> None:
 
 @compiled("Tuple(int64, float64)(float64[:, ::1], float64[::1], float64, int64[::1], float64[:, ::1])")
 def thin(points: Array, low: Array, edge: float, table: NDArray[np.int64], boxes: Array) -> tuple[int, float]:
-    """Sort points into cubes; return how many there are, and how far a point is from its cube's at most [m].
+    """Sort points into cubes; return the number of cubes, and the maximum error of a center [m].
+
+    The error is the distance of a point from the center that `boxes` has for its cube.
 
     Args:
         points: Coordinates, shape (k, 3) [m].
-        low: Least corner of the first cube, shape (>= 3,) [m].
+        low: Minimum corner of the first cube, shape (>= 3,) [m].
         edge: Edge of a cube [m].
-        table: Workspace, all -1, its shape (t,) with t a power of two above k.
-        boxes: Written: of each cube the middle of the box around its points; and workspace, shape (k, 6) [m].
+        table: Hash table, workspace, all -1, shape (t,) with t a power of two above k.
+        boxes: Output in the first three columns: center of the box around each cube's points; the others are
+            workspace, shape (k, 6) [m].
     """
     count, mask, off = 0, table.size - 1, 0.0
     keys, owner = np.empty((points.shape[0], 3), np.int64), np.empty(points.shape[0], np.int64)

@@ -1,4 +1,4 @@
-"""Collision checks of states and curves of one motion, with steps as long as the distance kept allows."""
+"""Collision checks of states and curves of one motion, with steps that grow with the clearance."""
 
 from __future__ import annotations
 
@@ -25,46 +25,46 @@ from pepper_kin.kernels.intrinsics import call_four
 from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Ints1
 
 LONGEST, SHORTER = 0.008, 4
-"""Greatest distance that a point of the body moves between states of a curve at which margins are kept [m],
-and by how much each of the next is shorter than the one before."""
+"""Maximum distance that a point of the body moves between states of a curve at which margins are kept [m],
+and the factor by which each further step is shorter."""
 FIRST = SHORTER * LONGEST
-"""The same where margins are proven to be kept in between as well [m]."""
+"""Step of the first pass, in which margins are proven to be kept between the states as well [m]."""
 SHORTEST = LONGEST / SHORTER**2
-"""Half a millimeter [m]: the distance of states checked elsewhere."""
+"""Half a millimeter [m]: the step at which other curves are checked."""
 FINEST = SHORTEST / SHORTER**2
-"""The least of those distances [m], for what passes something nearer than half of `SHORTEST`: nothing can dip
-deeper than half of this between two states."""
+"""Minimum step [m], for states that pass something nearer than half of `SHORTEST`: nothing can penetrate
+deeper than half of this step between two states."""
 
 SPARSE = 8
-"""One of as many states is examined before all others, since obstacles are mostly wider."""
+"""Stride of the first pass over the states, since obstacles are mostly wider than one step."""
 
 
 class MotionCheck(NamedTuple):
-    """Checks of states of one motion: whether they are free of collision and can be held.
+    """Checks of the states of one motion: whether they are collision-free and can be held still.
 
     Attributes:
-        verdicts: Address of `check.row_verdicts`; 0: all states are left to `ask`.
+        verdicts: Address of `check.row_verdicts`; 0: all states are decided by `ask`.
         ask: Address of `int64 ask(const double* states, int64 count, int64* verdicts, const double*
-            margins)`, which gives a verdict on each state that has a tie, FREE or CONTACT, and returns 0.
-            Without states it returns whether what never moves against the world is nearer than the margins.
-        load: Address of `batch` of the kernel from a configuration and the masses to the torques that hold
-            it still and, where there are edges, the floor's force along z and its moments about x and y.
+            margins)`, which replaces each TIE among the verdicts by FREE or CONTACT, and returns 0.
+            Without states it returns whether bodies that never move are nearer to the world than the margins.
+        load: Address of `batch` of the kernel from a configuration and the masses to the holding torques
+            and, if there are edges, the floor's force along z and its moments about x and y.
         quick: Whether ties count as near where only the distance that allows longer steps is tested.
-        least: Margins to the scene below this are kept by what never moves against the world [m].
-        radius: See `check.set_margins` [m].
-        still: Block that compares what stands, shape (s,).
-        moving: Block that compares what moves, shape (t,).
+        least: Margin to the scene below which bodies that never move need no check [m].
+        radius: Radius that converts margins to angles, see `check.set_margins` [m].
+        still: Block that compares bodies that stand still, shape (s,).
+        moving: Block that compares bodies that move, shape (t,).
         standing: Positions of the joints that do not move, shape (n,) [rad or m].
-        effort: Greatest torque or force of each joint while holding still, shape (n,) [N m or N].
-        masses: What is carried [kg], shape (m,).
-        edges: Factors of the floor's force and moments, for each edge that the robot could tip over; none of
-            the sums of products may be below zero.  Shape (k, 3).
-        heads: Heads of the tables of joints' dependent ranges, see `joint_ranges`, shape (HEAD t,).
-        tables: Their rows, shape (r,).
-        held_step: Greatest distance that a point of the body moves between states that are to be held [m].
+        effort: Maximum torque or force of each joint while holding still, shape (n,) [N m or N].
+        masses: Masses of the payload [kg], shape (m,).
+        edges: Factors of the floor's force and moments, for each edge that the robot could tip over; no sum
+            of the products may be negative, shape (k, 3).
+        heads: Heads of the tables of dependent joint ranges, see `joint_ranges`, shape (HEAD t,).
+        tables: Rows of the tables of dependent joint ranges, shape (r,).
+        held_step: Maximum distance that a point of the body moves between states that are to be held [m].
         states: Workspace, shape (STATES_AT_ONCE, n).
         inputs: Workspace, shape (STATES_AT_ONCE, n + m).
-        torques: Workspace, shape (STATES_AT_ONCE, n), or (STATES_AT_ONCE, n + 3) where there are edges.
+        torques: Workspace, shape (STATES_AT_ONCE, n), or (STATES_AT_ONCE, n + 3) if there are edges.
         answers: Workspace, shape (STATES_AT_ONCE,).
         margins: Workspace, shape (2,).
         work: Workspace of the kernel, shape (>= work_size,).
@@ -96,12 +96,12 @@ class MotionCheck(NamedTuple):
 
 
 class Intervals(NamedTuple):
-    """Parts of a piecewise polynomial curve.
+    """Intervals of a piecewise polynomial curve.
 
     Attributes:
-        segment: The segment of each, shape (N,).
-        begin: The parameter at its start, counted from the segment's first break, shape (N,).
-        width: Its width, shape (N,).
+        segment: Segment of each interval, shape (N,).
+        begin: Parameter at the start of each interval, from the segment's first break, shape (N,).
+        width: Width of each interval, shape (N,).
     """
 
     segment: Ints1
@@ -111,7 +111,7 @@ class Intervals(NamedTuple):
 
 @compiled
 def _ask(check: MotionCheck, states: Array, count: int, verdicts: np.ndarray) -> None:
-    """Call `ask` for ties among verdicts, if there are any.
+    """Call `ask` to decide the ties among verdicts, if there are any.
 
     Args:
         check: Checks of the states of one motion.
@@ -128,9 +128,9 @@ def _ask(check: MotionCheck, states: Array, count: int, verdicts: np.ndarray) ->
 
 @compiled
 def blocked(check: MotionCheck, margin: float, self_margin: float) -> bool:
-    """Return whether something that does not move is nearer than margins [m], which are noted.
+    """Return whether something that does not move is nearer than margins [m], which are stored.
 
-    Where machine code cannot tell, coal decides on all of `standing`.
+    Where machine code leaves a TIE, coal decides on all of `standing`.
     """
     check.margins[0], check.margins[1] = margin, self_margin
     if check.verdicts == 0:
@@ -148,13 +148,13 @@ def blocked(check: MotionCheck, margin: float, self_margin: float) -> bool:
 
 @compiled
 def _check_states(check: MotionCheck, states: Array, count: int, margins: tuple[float, float]) -> None:
-    """Write the verdicts on states at margins into `answers`.
+    """Write the verdicts on states at given margins into `answers`.
 
     Args:
         check: Checks of the states of one motion.
         states: The states, shape (>= count, n) [rad or m].
         count: Number of states, STATES_AT_ONCE at most.
-        margins: To the scene and to the robot itself [m].
+        margins: Margins to the scene and to the robot itself [m].
     """
     answers = check.answers
     check.margins[0], check.margins[1] = margins
@@ -171,14 +171,14 @@ def _check_states(check: MotionCheck, states: Array, count: int, margins: tuple[
 def _check_far(
     check: MotionCheck, count: int, kept: tuple[float, float], allowances: Array, farther: float
 ) -> None:
-    """Write into `answers` which of the first `states` keep more than margins, ties as CONTACT or TIE.
+    """Write the verdicts on the first `states` at increased margins into `answers`; quick checks leave ties.
 
     Args:
         check: Checks of the states of one motion.
         count: Number of states, STATES_AT_ONCE at most.
         kept: Margins to the scene and to the robot itself [m].
-        allowances: How much more each class of pairs, then each group, has to keep, shape (c,) [m].
-        farther: How much more coal asks of all where it is asked [m].
+        allowances: Additional margin of each class of pairs, then each group, shape (c,) [m].
+        farther: Additional margin of all pairs where coal decides [m].
     """
     answers, states = check.answers, check.states.ctypes.data
     check.margins[0], check.margins[1] = kept[0] + farther, kept[1] + farther
@@ -195,7 +195,7 @@ def _check_far(
 
 @compiled
 def _write_loads(check: MotionCheck, count: int) -> None:
-    """Write into `torques` what holding the first configurations in `states` still takes."""
+    """Write into `torques` the holding torques of the first configurations in `states`."""
     inputs, n = check.inputs, check.effort.size
     for k in range(count):
         for j in range(n):
@@ -207,9 +207,9 @@ def _write_loads(check: MotionCheck, count: int) -> None:
 
 @compiled
 def _least_moment(check: MotionCheck, k: int) -> float:
-    """Return the least moment of the floor about an edge [N m], at a configuration whose loads are written.
+    """Return the minimum moment of the floor about an edge [N m], at a configuration whose loads are written.
 
-    That is the robot's weight times how far the center of mass is inside; inf where there are no edges.
+    It is the robot's weight times the distance of the center of mass from the edge; infinite without edges.
     """
     least, n = math.inf, check.effort.size
     for e in range(check.edges.shape[0]):
@@ -222,7 +222,7 @@ def _least_moment(check: MotionCheck, k: int) -> float:
 
 @compiled
 def _held(check: MotionCheck, count: int) -> bool:
-    """Return whether the first configurations in `states` can be held still, without tipping over."""
+    """Return whether the first configurations in `states` can be held still without tipping over."""
     _write_loads(check, count)
     for k in range(count):
         for j in range(check.effort.size):
@@ -235,7 +235,7 @@ def _held(check: MotionCheck, count: int) -> bool:
 
 @compiled
 def _kept_ends(check: MotionCheck, ends: Array, margin: float, self_margin: float) -> int:
-    """Return how many states, shape (m, n) [rad or m], keep margins [m]; 0 where the first does not."""
+    """Return how many states, shape (m, n) [rad or m], keep margins [m]; 0 if the first state does not."""
     if blocked(check, margin, self_margin):
         return 0
     found = 0
@@ -253,15 +253,15 @@ def _kept_ends(check: MotionCheck, ends: Array, margin: float, self_margin: floa
 def kept_margins(check: MotionCheck, ends: Floats2, margin: float, least: float, kept: Floats1) -> None:
     """Write the margins that the ends of a motion allow, to the scene and to the robot itself [m].
 
-    Each is halved until the start and a goal keep it; to itself the robot keeps half of what it
-    could, since joints near one another have to move.
+    Each margin is halved until the start and a goal keep it; the margin to the robot itself is then halved
+    once more if it was reduced, since joints near one another have to move.
 
     Args:
         check: Checks of the states of one motion.
         ends: The start, then goals, shape (1 + m, n) [rad or m].
-        margin: The margin requested [m].
-        least: One that is not greater counts as none [m].
-        kept: Receives the margins, shape (2,).
+        margin: Requested margin [m].
+        least: Margin up to which a margin counts as zero [m].
+        kept: Output: margins to the scene and to the robot itself, shape (2,).
     """
     own = scene = margin
     while own > least and _kept_ends(check, ends, 0.0, own) < 2:
@@ -274,9 +274,9 @@ def kept_margins(check: MotionCheck, ends: Floats2, margin: float, least: float,
 
 @compiled("boolean(MotionCheck, float64[:, ::1], float64, float64, float64[::1])")
 def sound_ends(check: MotionCheck, ends: Floats2, margin: float, least: float, kept: Floats1) -> bool:
-    """Return whether all ends of a motion touch nothing and can be held; if so write their margins.
+    """Return whether all ends of a motion are collision-free and can be held; if so, write their margins.
 
-    See `kept_margins` for the arguments and their shapes.
+    Arguments, shapes and units are those of `kept_margins`.
     """
     for first in range(0, ends.shape[0], STATES_AT_ONCE):
         count = min(STATES_AT_ONCE, ends.shape[0] - first)
@@ -296,9 +296,9 @@ def sound_ends(check: MotionCheck, ends: Floats2, margin: float, least: float, k
 
 @compiled(inline=True, lean=True)
 def _greatest_rate(coefficients: Array, i: int, j: int, h: float) -> float:
-    """Return the most that |dq_j/ds| can be on segment i, of length h, of a curve, shape (m, 4, n).
+    """Return the maximum |dq_j/ds| of the control values on segment i, of length h; curve: shape (m, 4, n).
 
-    That is the greatest of the control values of that quadratic, since it is a Bezier curve.
+    It bounds the derivative, a quadratic Bezier curve.
     """
     first, second, third = coefficients[i, 1, j], coefficients[i, 2, j], coefficients[i, 3, j]
     middle = first + second * h
@@ -312,15 +312,15 @@ def count_intervals(
 ) -> int:
     """Write the number of intervals of each segment; return their sum.
 
-    On none of them any point of the body moves farther than the step: a point moves at most
+    In no interval does a point of the body move farther than the step: a point moves at most
     sum_j reach_j |dq_j|.
 
     Args:
         breaks: Ends of the segments, shape (m + 1,).
         coefficients: Constant term first, shape (m, 4, n).
-        reach: How far a joint moves a point of the body, shape (n,) [m/rad, or 1].
-        step: [m].
-        counts: Receives the numbers, shape (m,).
+        reach: Motion bound of each joint, shape (n,) [m/rad, or 1].
+        step: Maximum distance in an interval [m].
+        counts: Output: number of intervals of each segment, shape (m,).
     """
     total = 0
     for i in range(coefficients.shape[0]):
@@ -334,7 +334,7 @@ def count_intervals(
 
 @compiled("void(float64[::1], int64[::1], Intervals)")
 def write_intervals(breaks: Floats1, counts: Ints1, parts: Intervals) -> None:
-    """Write equal intervals of each segment, as many as `counts`, shape (m,); breaks have shape (m + 1,)."""
+    """Write equal intervals of each segment; counts have shape (m,), breaks shape (m + 1,)."""
     place = 0
     for i in range(counts.size):
         h = (breaks[i + 1] - breaks[i]) / counts[i]
@@ -353,7 +353,7 @@ def _write_middle(coefficients: Array, i: int, x: float, state: Array) -> None:
 
 @compiled
 def _pair_motions(check: MotionCheck, breaks: Array, coefficients: Array, counts: np.ndarray) -> Array:
-    """Return how far classes of pairs, then groups, move in half an interval at most, shape (c,) [m].
+    """Return how far pair classes, then groups, move at most in half an interval, shape (c,) [m].
 
     Args:
         check: Checks of the states of one motion.
@@ -390,16 +390,16 @@ def _near_ones(
     strictly: bool,
     motions: Array,
 ) -> int:
-    """Move the intervals that have to be cut to the front; return how many, or -1 for a curve not clear.
+    """Move the intervals that have to be divided to the front; return their number, or -1 on a collision.
 
     Args:
         check: Checks of the states of one motion.
-        coefficients: Of the curve, constant term first, shape (m, 4, n) [rad or m].
+        coefficients: Coefficients of the curve, constant term first, shape (m, 4, n) [rad or m].
         parts: The intervals.
-        kept: Margins that all middles have to keep [m].
-        step: What no point of the body moves farther than in an interval [m].
-        strictly: Whether the margin to the scene is to be kept by all of an interval.
-        motions: See `_pair_motions`, for a step of FIRST.
+        kept: Margins to the scene and to itself that all midpoints have to keep [m].
+        step: Maximum distance that a point of the body moves in an interval [m].
+        strictly: Whether the margin to the scene must hold in all of an interval.
+        motions: Result of `_pair_motions` for a step of FIRST, shape (c,) [m].
     """
     last, classes = step <= FINEST, HEAD.classes(head_of(check.moving)) if motions.size else 0
     allowances = motions * (step / FIRST)
@@ -435,14 +435,14 @@ def _near_ones(
 
 @compiled
 def _copy_interval(source: Intervals, k: int, target: Intervals, place: int) -> None:
-    """Copy an interval to a place among the same or other ones."""
+    """Copy an interval to index `place` of a target, which may be the source."""
     target.segment[place], target.begin[place] = source.segment[k], source.begin[k]
     target.width[place] = source.width[k]
 
 
 @compiled
 def _sparse_first(parts: Intervals) -> Intervals:
-    """Return the same intervals, but every `SPARSE`th before all others."""
+    """Return the intervals reordered, every `SPARSE`th one before all others."""
     count, place = parts.segment.size, 0
     ordered = Intervals(np.empty(count, np.int64), np.empty(count), np.empty(count))
     for k in range(SPARSE // 2, count, SPARSE):
@@ -457,13 +457,13 @@ def _sparse_first(parts: Intervals) -> Intervals:
 
 @compiled
 def _held_along(check: MotionCheck, breaks: Array, coefficients: Array, reach: Array) -> bool:
-    """Return whether a curve can be held still, without tipping over, all along.
+    """Return whether the robot can hold still, without tipping over, all along a curve.
 
     Args:
         check: Checks of the states of one motion.
         breaks: Ends of the segments, shape (m + 1,).
         coefficients: Constant term first, shape (m, 4, n) [rad or m].
-        reach: How far a joint moves a point of the body, shape (n,) [m/rad, or 1].
+        reach: Motion bound of each joint, shape (n,) [m/rad, or 1].
     """
     counts = np.empty(coefficients.shape[0], np.int64)
     count_intervals(breaks, coefficients, reach, check.held_step, counts)
@@ -493,24 +493,24 @@ def is_clear(
     held: bool,
     strictly: bool,
 ) -> bool:
-    """Return whether margins are kept, and gravity is held, along a piecewise cubic curve.
+    """Return whether margins are kept, and gravity can be held, along a piecewise cubic curve.
 
-    The curve is cut into intervals on which no point of the body moves farther than FIRST.  Where the state
-    in the middle of one keeps the margins, and besides as much as each pair of bodies moves in half of it,
-    they are kept in all of the interval.  Others are cut into shorter ones, whose middles have to keep the
-    margins, and distances at which nothing touches in all of the interval; and those again, down to FINEST,
-    whose middles need only keep the margins.  Dependent ranges of joints are kept at every point.
+    The curve is divided into intervals in which no point of the body moves farther than FIRST.  If the state
+    in the middle of an interval keeps the margins plus the distance that each pair of bodies moves in half of
+    the interval, the margins are kept in all of it.  Other intervals are divided into shorter ones, whose
+    midpoints have to keep the margins, and distances at which nothing collides in the whole interval; and
+    so on, down to FINEST, where midpoints need to keep the margins only.  Dependent joint ranges are kept at
+    every point.
 
     Args:
         check: Checks of the states of one motion.
         breaks: Ends of the segments, shape (m + 1,).
         coefficients: Constant term first, shape (m, 4, n) [rad or m].
-        reach: How far a joint moves a point of the body, shape (n,) [m/rad, or 1].
-        margin: To the scene [m].
-        self_margin: To the robot itself [m].
-        held: Whether the joints have to hold still along the curve.
-        strictly: Whether the margin to the scene is proven to be kept at every point, between the examined
-            states as well.
+        reach: Motion bound of each joint, shape (n,) [m/rad, or 1].
+        margin: Margin to the scene [m].
+        self_margin: Margin to the robot itself [m].
+        held: Whether the joints have to be able to hold still along the curve.
+        strictly: Whether the margin to the scene is proven at every point, also between the examined states.
     """
     if blocked(check, margin, self_margin):
         return False

@@ -1,8 +1,8 @@
-"""Distances of convex shapes, their nearest points, and how the joints change these distances.
+"""Signed distances of convex shapes, their nearest points, and gradients of the distances.
 
-Shapes are convex cores grown by a radius: boxes, of which segments and points are the flat ones, cylinders,
-hulls of points, and half-spaces.  Distances are signed: where cores overlap, minus how far these have to
-part.
+Shapes are convex cores grown by a radius: boxes (segments and points are flat boxes), cylinders, convex hulls
+of points, and half-spaces.  Where cores overlap, the distance is minus the depth by which they would have to
+be moved apart.
 """
 
 from __future__ import annotations
@@ -21,27 +21,29 @@ from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Ints1, Ints2
 
 PLANE = 5
-"""Kind of a half-space, beside those of `layout`: it ends at the upper face of its box."""
+"""Kind of a half-space, in addition to the kinds of `layout`: it ends at the upper face of its box."""
 
 KNOWN = (BOX, CYLINDER, PLANE)
-"""Kinds whose core is the whole shape, and `measure` exact."""
+"""Kinds whose core is the whole shape, for which `measure` is exact."""
 
 CARRIER, FIRST, COUNT, SHAPE = ROW, ROW + 1, ROW + 2, ROW + 3
-"""Columns of a shape behind those of `scene_rows`, and their number: the joint that carries it, first vertex
-and number of vertices of HULL.  The bounding radius of PLANE is infinite."""
+"""Columns of a shape after the columns of `scene_rows`, and their total number: the joint that carries it,
+first vertex and number of vertices of a HULL.  The bounding radius of a PLANE is infinite."""
 
 MEETING = 1e-6
-"""Cores nearer than this meet: they are parted along axes of the separating axis theorem [m]."""
+"""Distance below which cores count as overlapping and are measured along axes of the separating axis
+theorem [m]."""
 
 SLACK = 1e-5
-"""Coal's distances may be too small by this [m]."""
+"""Maximum error by which coal's distances are too small [m]."""
 
 STEPS, ENOUGH = 40, 1e-9
-"""Steps towards the nearest points of cores that are no segments and boxes, and which part of the squared
-distance may be left."""
+"""Maximum number of iterations of the search for the nearest points of general cores, and relative tolerance
+of the squared distance."""
 
 SCRATCH = 64
-"""Doubles of workspace that `measure` needs: those of `gjk`, and the points of two cores at four corners."""
+"""Doubles of workspace that `measure` needs: workspace of `gjk`, and the points of two cores at four
+corners."""
 _CORNERS = 40
 
 
@@ -49,14 +51,14 @@ class NearTable(NamedTuple):
     """The shapes of a robot and a scene, and the pairs of them that are compared.
 
     Attributes:
-        joints: See `core.kinematic_tree`, shape (njoints, JOINT).
+        joints: Placements of the joints, see `core.kinematic_tree`, shape (njoints, JOINT).
         above: 1 where a joint is moved by a coordinate of the tree, shape (njoints, njoints - 1).
-        shapes: Shape (s, SHAPE).
-        vertices: Of the hulls, in the frames of their cores [m], shape (v, 3).
-        pairs: Two shapes, a segment first if there is one and a half-space second; and whether they change
-            places in results; shape (m, 3).
-        reaches: Distance of the two's centers from which on they cannot meet, shape (m,) [m].
-        keep: How far the two shall stay apart, shape (m,) [m].
+        shapes: Shapes by the columns CARRIER, ..., shape (s, SHAPE).
+        vertices: Vertices of the hulls, in the frames of their cores [m], shape (v, 3).
+        pairs: Two shapes, a segment first and a half-space second if there is one; and 1 if they are swapped
+            in results, else 0, shape (m, 3).
+        reaches: Distance of the two centers beyond which the shapes cannot touch, shape (m,) [m].
+        keep: Distance that the two shapes have to keep, shape (m,) [m].
     """
 
     joints: Floats2
@@ -69,15 +71,15 @@ class NearTable(NamedTuple):
 
 
 class NearPoints(NamedTuple):
-    """What `find_near` writes, for m pairs at most.
+    """Output and workspace of `find_near`, for m pairs at most.
 
     Attributes:
-        found: Places among the pairs of those that are near, shape (m,).
-        distances: Their distances, shape (m,) [m].
-        points: Their nearest points in the world, shape (m, 2, 3) [m].
-        normals: Unit vectors from the second to the first, in the world, shape (m, 3).
-        undecided: Places of pairs that may be nearer and have to be measured otherwise, shape (m,).
-        placed: Poses of the cores in the world, shape (s, 12); those that no joint moves are there before.
+        found: Indices of the pairs that are near, shape (m,).
+        distances: Distances of the pairs, shape (m,) [m].
+        points: Nearest points of the pairs in the world, shape (m, 2, 3) [m].
+        normals: Unit vectors from the second to the first shape, in the world, shape (m, 3).
+        undecided: Indices of pairs that may be nearer and have to be measured by coal, shape (m,).
+        placed: Poses of the cores in the world, shape (s, 12); for those that no joint moves it is input.
         near: Workspace, shape (3, 3).
         work: Workspace, shape (SCRATCH + s,).
     """
@@ -93,7 +95,7 @@ class NearPoints(NamedTuple):
 
 
 def near_points(table: NearTable, most: int, undecided: int) -> NearPoints:
-    """Return memory for results of at most so many pairs, and so many that are undecided."""
+    """Return memory for the results of `most` pairs and `undecided` undecided pairs at most."""
     return NearPoints(
         np.empty(most, np.int64), np.empty(most), np.empty((most, 2, 3)), np.empty((most, 3)),
         np.empty(undecided, np.int64), table.shapes[:, PLACE:ROW].copy(), np.empty((3, 3)),
@@ -103,7 +105,7 @@ def near_points(table: NearTable, most: int, undecided: int) -> NearPoints:
 
 @compiled(lean=True)
 def is_segment(shape: Floats1) -> bool:
-    """Whether the core of a shape, shape (SHAPE,), is a segment along z or a point."""
+    """Return whether the core of a shape, shape (SHAPE,), is a segment along z or a point."""
     return shape[KIND] == BOX and shape[HALF] == 0.0 and shape[HALF + 1] == 0.0
 
 
@@ -111,9 +113,9 @@ def is_segment(shape: Floats1) -> bool:
 def _farthest(
     shape: Floats1, pose: Floats1, vertices: Floats2, u: float, v: float, w: float, point: Floats1
 ) -> float:
-    """Write the point, shape (3,), of a core that lies farthest along (u, v, w); return (u, v, w) . it.
+    """Write a core's support point along (u, v, w), shape (3,); return its product with (u, v, w).
 
-    The product counts from the core's center.
+    The product uses the point relative to the core's center.
     """
     a = u * pose[3] + v * pose[4] + w * pose[5]
     b = u * pose[6] + v * pose[7] + w * pose[8]
@@ -127,7 +129,7 @@ def _farthest(
                 height, best = along, i
         x, y, z = vertices[best, 0], vertices[best, 1], vertices[best, 2]
     else:
-        # Along a face, any of its points will do: the middle.
+        # Along a face, any of its points is a support point: the middle is taken.
         flat = 1e-6 * (abs(u) + abs(v) + abs(w))
         x = shape[HALF] * (0.0 if abs(a) <= flat else 1.0 if a > 0.0 else -1.0)
         y = shape[HALF + 1] * (0.0 if abs(b) <= flat else 1.0 if b > 0.0 else -1.0)
@@ -150,13 +152,13 @@ def _part(
     far: float,
     near: Floats2,
 ) -> float:
-    """Write the axis that parts two cores best, and their points that are deepest along it; see `measure`.
+    """Write the best separating axis of two cores and their deepest points along it; see `measure`.
 
-    Of the axes of the separating axis theorem for the boxes around them (Gottschalk, Lin and Manocha,
-    OBBTree, 1996), and the line of the centers across the axis of a cylinder.
+    The axes are those of the separating axis theorem for the boxes around the cores (Gottschalk, Lin and
+    Manocha, OBBTree, 1996), and the line of the centers projected across the axis of a cylinder.
 
     Returns:
-        How far the cores are apart along that axis, below zero where they overlap [m].
+        Separation of the cores along that axis, negative where they overlap [m].
     """
     p, q, n, best = near[0], near[1], near[2], -math.inf
     x, y, z = pose[0] - other[0], pose[1] - other[1], pose[2] - other[2]
@@ -199,9 +201,10 @@ def _approach(
     first: Floats1, pose: Floats1, second: Floats1, other: Floats1, vertices: Floats2, far: float,
     near: Floats2, scratch: Floats1,
 ) -> None:  # fmt: skip
-    """Write the nearest points of two cores, nearly the same where they meet; see `measure`.
+    """Write the nearest points of two cores, which nearly coincide if the cores meet; see `measure`.
 
-    By Gilbert, Johnson and Keerthi (1988), as `gjk.nearer_than`, with both cores' points at each corner.
+    The algorithm is by Gilbert, Johnson and Keerthi (1988), as in `gjk.nearer_than`, and also keeps both
+    cores' points of each corner.
     """
     p, q, corners, weights = near[0], near[1], scratch[_CORNERS:], scratch[12:]
     count = 0
@@ -230,7 +233,7 @@ def _approach(
             p[i] = q[i] = 0.0
         place = 0
         for k in range(count):
-            # The corners that are left are in order: find the points that belong to each.
+            # The corners that are left are in order: find the pair of points of each.
             while (
                 corners[6 * place] - corners[6 * place + 3] != scratch[3 * k]
                 or corners[6 * place + 1] - corners[6 * place + 4] != scratch[3 * k + 1]
@@ -252,16 +255,16 @@ def measure(
 ) -> float:  # fmt: skip
     """Write the nearest points of two cores and the direction from the second to the first.
 
-    Where they overlap, the points are those that are deepest.
+    Where the cores overlap, the points are the deepest ones.
 
     Args:
-        first: A shape, shape (SHAPE,), a segment if one of the two is.
-        pose: Pose of its core in the world, shape (12,).
-        second: Another, a half-space if one of the two is.
-        other: Pose of its core in the world, shape (12,).
-        vertices: Of the hulls, shape (v, 3).
-        far: Cores that are known to be farther apart than this are not measured more closely, at least 0 [m].
-        near: Written: both points in the world [m], and the direction, a unit vector, shape (3, 3).
+        first: A shape, shape (SHAPE,); a segment if one of the two is.
+        pose: Pose of the first shape's core in the world, shape (12,).
+        second: Another shape, shape (SHAPE,); a half-space if one of the two is.
+        other: Pose of the second shape's core in the world, shape (12,).
+        vertices: Vertices of the hulls, shape (v, 3).
+        far: Distance beyond which a lower bound suffices, at least 0 [m].
+        near: Output: both points in the world [m], and the direction, a unit vector, shape (3, 3).
         scratch: Workspace, shape (SCRATCH,).
 
     Returns:
@@ -309,7 +312,7 @@ def measure(
 
 @compiled(lean=True)
 def _may_be_near(first: Floats1, pose: Floats1, second: Floats1, other: Floats1, reach: float) -> bool:
-    """Whether two shapes whose distance is not computed here may be nearer than a distance [m]."""
+    """Return whether two shapes, shapes (SHAPE,) and (12,), may be nearer than a distance [m], by a bound."""
     if second[KIND] == PLANE:
         height = -second[HALF + 2]
         for i in range(3):
@@ -323,13 +326,13 @@ def _may_be_near(first: Floats1, pose: Floats1, second: Floats1, other: Floats1,
 
 @compiled(lean=True)
 def is_known(shape: Floats1) -> bool:
-    """Whether a shape is of a KNOWN kind."""
+    """Return whether a shape, shape (SHAPE,), is of a KNOWN kind."""
     return shape[KIND] == KNOWN[0] or shape[KIND] == KNOWN[1] or shape[KIND] == KNOWN[2]
 
 
 @compiled(lean=True)
 def _turn(table: NearTable, poses: Floats2, k: int, turned: Floats1, placed: Floats2) -> None:
-    """Write the axes of a core, whose center is written, once; `turned`, shape (s,), marks it."""
+    """Write the axes of a core whose center is written, unless `turned`, shape (s,), marks it."""
     if turned[k] == 0.0 and table.shapes[k, CARRIER] > 0.0:
         compose(poses[int(table.shapes[k, CARRIER])], table.shapes[k, PLACE:ROW], placed[k])
     turned[k] = 1.0
@@ -337,14 +340,14 @@ def _turn(table: NearTable, poses: Floats2, k: int, turned: Floats1, placed: Flo
 
 @compiled(lean=True, inline=True)
 def _is_beyond(shape: Floats1, pose: Floats1, x: float, y: float, z: float, far: float) -> bool:
-    """Whether the box of a shape is certainly farther than a distance from a point (x, y, z) [m].
+    """Return whether the box of a shape is certainly farther than a distance from a point (x, y, z) [m].
 
     Args:
-        shape: Of a kind that is a box, or lies in it.
-        pose: Of its core in the world, shape (12,).
-        x: Of the point, in the world's axes from the core's center.
-        y: The same.
-        z: The same.
+        shape: Shape whose core is a box or lies inside one, shape (SHAPE,).
+        pose: Pose of its core in the world, shape (12,).
+        x: x of the point relative to the core's center, in the world's axes [m].
+        y: y of the point [m].
+        z: z of the point [m].
         far: The distance, 0 or more [m].
     """
     square = 0.0
@@ -359,21 +362,21 @@ def _is_beyond(shape: Floats1, pose: Floats1, x: float, y: float, z: float, far:
 def find_near(
     poses: Floats2, table: NearTable, distance: float, exact: bool, result: NearPoints
 ) -> tuple[int, int]:
-    """Find the pairs nearer than what they keep and a distance.
+    """Find the pairs that are nearer than their required distance plus a given one.
 
-    The distance of two cores with nearest points a and b, grown by r_a and r_b, is |a - b| - r_a - r_b, also
-    below zero, where that is how far they have to part; the nearest points are a - r_a n and b + r_b n with
+    The distance of two cores with nearest points a and b, grown by r_a and r_b, is |a - b| - r_a - r_b; a
+    negative value is the depth by which they overlap.  The nearest points are a - r_a n and b + r_b n with
     n = (a - b) / |a - b|.
 
     Args:
-        poses: Of the joints in the world, see `place_joints`, shape (njoints, 12).
+        poses: Poses of the joints in the world, see `place_joints`, shape (njoints, 12).
         table: The shapes and pairs.
-        distance: Farther pairs, and those beyond the size of the result, are left out [m].
-        exact: Whether pairs are left undecided of which only coal knows the distance.
-        result: Written.
+        distance: Pairs farther apart, and pairs beyond the size of the result, are left out [m].
+        exact: Whether pairs whose distance only coal computes exactly are left undecided.
+        result: Output.
 
     Returns:
-        How many are found, and how many are undecided.
+        The number of pairs found, and the number of undecided pairs.
     """
     shapes, pairs, placed = table.shapes, table.pairs, result.placed
     for k in range(shapes.shape[0]):
@@ -427,23 +430,23 @@ def write_slopes(
     table: NearTable, poses: Floats2, axes: Floats2, pair: tuple[int, int], points: Floats2, n: Floats1,
     gradient: Floats1,
 ) -> None:  # fmt: skip
-    """Write the derivatives of the distance of two shapes by the coordinates of `pinocchio_model`.
+    """Write the gradient of the distance of two shapes by the coordinates of `pinocchio_model`.
 
     With n the normal, p the nearest point of the shape that a joint moves, o and u the joint's origin and
-    axis: +-n . (u x (p - o)), or +-n . u where it slides, with - for the second shape.
+    axis, a component is +-n . (u x (p - o)), or +-n . u for a prismatic joint, with - for the second shape.
 
     Args:
         table: The joints and shapes.
-        poses: Of the joints in the world, of which origins are read, shape (njoints, 12).
-        axes: Of the joints in the world, shape (njoints, 3).
-        pair: The shapes.
-        points: Their nearest points in the world, shape (2, 3) [m].
-        n: From the second to the first, in the world, shape (3,).
-        gradient: Written, shape (njoints - 1,) [m/rad or 1].
+        poses: Poses of the joints in the world, of which origins are read, shape (njoints, 12).
+        axes: Axes of the joints in the world, shape (njoints, 3).
+        pair: Indices of the two shapes.
+        points: Nearest points of the shapes in the world, shape (2, 3) [m].
+        n: Normal from the second to the first shape, in the world, shape (3,).
+        gradient: Output, shape (njoints - 1,) [m/rad or 1].
     """
     first, second = int(table.shapes[pair[0], CARRIER]), int(table.shapes[pair[1], CARRIER])
     for j in range(gradient.size):
-        # What carries both moves both alike, and leaves their distance as it is.
+        # A joint that carries both shapes moves both alike and does not change their distance.
         side = table.above[first, j] - table.above[second, j]
         gradient[j] = 0.0
         if side == 0.0:
@@ -465,16 +468,16 @@ def slopes(
     table: NearTable, poses: Floats2, axes: Floats2, found: Ints1, points: Floats3, normals: Floats2,
     gradients: Floats2,
 ) -> None:  # fmt: skip
-    """Write the derivatives of distances of k pairs; see `write_slopes`.
+    """Write the gradients of the distances of k pairs; see `write_slopes`.
 
     Args:
         table: The joints, shapes and pairs.
-        poses: Of the joints in the world, see `place_joints`, shape (njoints, 12).
-        axes: Of the joints in the world, shape (njoints, 3).
-        found: Places among the pairs, shape (k,).
+        poses: Poses of the joints in the world, see `place_joints`, shape (njoints, 12).
+        axes: Axes of the joints in the world, shape (njoints, 3).
+        found: Indices of the pairs, shape (k,).
         points: Nearest points in the world, shape (k, 2, 3) [m].
-        normals: From the second to the first body, in the world, shape (k, 3).
-        gradients: Written, shape (k, njoints - 1) [m/rad or 1].
+        normals: Unit vectors from the second to the first body, in the world, shape (k, 3).
+        gradients: Output, shape (k, njoints - 1) [m/rad or 1].
     """
     for k in range(found.size):
         side = table.pairs[found[k], 2]

@@ -25,13 +25,13 @@ STEPS = 40
 TOUCHING = 1e-10
 """Cores nearer than this count as meeting [m]."""
 FREE, CONTACT, TIE = 0, 1, 2
-"""Verdicts: certainly farther than the threshold, certainly nearer, too near to it to decide."""
+"""Verdicts: certainly farther than the threshold, certainly nearer, or too near the threshold to decide."""
 GJK_WORKSPACE_SIZE = 40
 """Doubles of workspace that `nearer_than` needs."""
 SINGLE = 1e-6
-"""What single precision may be wrong by in the height of a vertex, of its distance from the core's center.
+"""Maximum error of a vertex's height in single precision, relative to its distance from the core's center.
 
-Three products and two sums of numbers that are rounded first: below 9 u of it, with u = 2^-24.
+Three products and two sums of rounded numbers lose less than 9 u of the distance, with u = 2^-24.
 """
 _NOW, _NEW, _SQUARES = 12, 16, 20
 
@@ -41,12 +41,12 @@ class ConvexCore(NamedTuple):
 
     Attributes:
         kind: BOX, CYLINDER or HULL.
-        half: Its half lengths, shape (3,) [m].
-        pose: Its center [m], x, y and z axis, in the world, shape (12,).
-        corners: Of a HULL, vertices, a multiple of eight; some may be there twice.
-        vertices: Their x, then their y, then their z, in the core's frame [m].
-        singles: The same in single precision.
-        size: Greatest distance of a vertex from the center, or more [m].
+        half: Half lengths, shape (3,) [m].
+        pose: Center [m], x, y and z axis, in the world, shape (12,).
+        corners: Number of vertices of a HULL, a multiple of eight; some may be repeated.
+        vertices: x, then y, then z of the vertices, in the core's frame [m].
+        singles: x, then y, then z of the vertices in single precision [m].
+        size: Upper bound of the distance of a vertex from the center [m].
     """
 
     kind: int
@@ -60,14 +60,14 @@ class ConvexCore(NamedTuple):
 
 @compiled(inline=True, lean=True)
 def _single_lanes(core: ConvexCore, k: int) -> tuple[Any, Any, Any]:
-    """Return eight of a hull's vertices in single precision, from one on, in lanes."""
+    """Return eight of a hull's vertices in single precision, from index k on, in lanes."""
     x, count = SINGLES.at(core.singles, k), core.corners
     return load_lanes(x), load_lanes(SINGLES.at(x, count)), load_lanes(SINGLES.at(x, 2 * count))
 
 
 @compiled(lean=True)
 def _greatest_height(core: ConvexCore, u: float, v: float, w: float) -> float:
-    """Return the greatest u x + v y + w z of a hull's vertices in single precision."""
+    """Return the maximum u x + v y + w z of a hull's vertices in single precision."""
     x, y, z = _single_lanes(core, 0)
     best = x * u + y * v + z * w
     for k in range(LANES, core.corners, LANES):
@@ -78,14 +78,14 @@ def _greatest_height(core: ConvexCore, u: float, v: float, w: float) -> float:
 
 @compiled(inline=True, lean=True)
 def _vertex(core: ConvexCore, k: int) -> tuple[float, float, float]:
-    """Return a hull's vertex in its frame."""
+    """Return vertex k of a hull in the core's frame [m]."""
     vertices, count = core.vertices, core.corners
     return double_at(vertices, k), double_at(vertices, k + count), double_at(vertices, k + 2 * count)
 
 
 @compiled(lean=True)
 def _highest(core: ConvexCore, u: float, v: float, w: float) -> int:
-    """Return the place of a hull's vertex with the greatest u x + v y + w z, except for rounding."""
+    """Return the index of a hull's vertex with the maximum u x + v y + w z, up to rounding."""
     most = 2.0 * SINGLE * core.size * math.sqrt(u * u + v * v + w * w)
     least = spread(_greatest_height(core, u, v, w) - most)
     best, place = -1e300, 0
@@ -104,20 +104,20 @@ def _highest(core: ConvexCore, u: float, v: float, w: float) -> int:
 
 @compiled(inline=True, lean=True)
 def turned(pose: int, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Return a direction in the frame of a core."""
+    """Return a direction of the world in the frame of a core."""
     return dot(x, y, z, POSE.x_axis(pose)), dot(x, y, z, POSE.y_axis(pose)), dot(x, y, z, POSE.z_axis(pose))
 
 
 @compiled(inline=True, lean=True)
 def turned_back(pose: int, u: float, v: float, w: float) -> tuple[float, float, float]:
-    """Return in the world a direction in the frame of a core."""
+    """Return a direction of a core's frame in the world."""
     a, b, c = POSE.x_axis(pose), POSE.y_axis(pose), POSE.z_axis(pose)
     return u * a[0] + v * b[0] + w * c[0], u * a[1] + v * b[1] + w * c[1], u * a[2] + v * b[2] + w * c[2]
 
 
 @compiled(lean=True)
 def _height(core: ConvexCore, x: float, y: float, z: float) -> float:
-    """Return how far a core reaches beyond its center at most along a unit vector [m]."""
+    """Return an upper bound of how far a core reaches from its center along a unit vector [m]."""
     u, v, w = turned(core.pose, x, y, z)
     if core.kind == HULL:
         return _greatest_height(core, u, v, w) + SINGLE * core.size
@@ -129,7 +129,7 @@ def _height(core: ConvexCore, x: float, y: float, z: float) -> float:
 
 @compiled(lean=True)
 def _support(core: ConvexCore, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Return the core's furthest point in a direction, from its center."""
+    """Return the core's support point in a direction, relative to its center."""
     u, v, w = turned(core.pose, x, y, z)
     if core.kind == HULL:
         u, v, w = _vertex(core, _highest(core, u, v, w))
@@ -147,18 +147,18 @@ def _support(core: ConvexCore, x: float, y: float, z: float) -> tuple[float, flo
 
 @compiled(lean=True)
 def _affine_minimum(points: Array, count: int, weights: Array, squares: Array) -> bool:
-    """Write the weights (sum 1) of the point of least norm in the points' affine hull.
+    """Write the weights (sum 1) of the minimum-norm point in the points' affine hull.
 
     It solves (s 1 1^T + P P^T) mu = 1 by elimination and divides mu by its sum (Wolfe 1976).
 
     Args:
-        points: P, three numbers each, shape (>= 3 count,) [m].
+        points: P, three numbers for each point, shape (>= 3 count,) [m].
         count: Number of points, four at most.
-        weights: Written, shape (>= count,).
+        weights: Output, shape (>= count,).
         squares: Workspace, shape (>= 16,).
 
     Returns:
-        False where the points are affinely dependent.
+        False if the points are affinely dependent.
     """
     scale = 1e-30
     for i in range(0, 3 * count, 3):
@@ -194,15 +194,15 @@ def _affine_minimum(points: Array, count: int, weights: Array, squares: Array) -
 
 @compiled(lean=True)
 def nearest_in_hull(scratch: Array, count: int) -> int:
-    """Move to the point of least norm in some points' convex hull, dropping points that it does not need.
+    """Move to the minimum-norm point of a convex hull, and drop the points that it does not need.
 
     Args:
-        scratch: Corners, three numbers each [m], and weights of the present point, both changed; and
+        scratch: Corners, three numbers each [m], and weights of the present point, both changed; then
             workspace; shape (GJK_WORKSPACE_SIZE,).
-        count: How many corners there are; those kept are moved to the front.
+        count: Number of corners; those kept are moved to the front.
 
     Returns:
-        How many points are left; -1 where they are dependent.
+        Number of points left; -1 if they are affinely dependent.
     """
     points, now, new, squares = scratch, scratch[_NOW:], scratch[_NEW:], scratch[_SQUARES:]
     for _ in range(8):
@@ -231,12 +231,12 @@ def nearest_in_hull(scratch: Array, count: int) -> int:
 
 @compiled(lean=True)
 def separation(a: ConvexCore, b: ConvexCore, axis: int) -> float:
-    """Return by how much a plane across an axis parts two cores at least [m]; -inf where the axis is zero.
+    """Return a lower bound of the separation of two cores along an axis [m]; -inf for a zero axis.
 
     Args:
         a: One core.
-        b: The other.
-        axis: Address of a unit vector in the frame of the first, from the second to the first, or of zeros.
+        b: The other core.
+        axis: Address of a unit vector in the frame of a, from b to a, or of zeros.
     """
     u, v, w = VECTORS.xyz(axis)
     if u == 0.0 and v == 0.0 and w == 0.0:
@@ -249,17 +249,18 @@ def separation(a: ConvexCore, b: ConvexCore, axis: int) -> float:
 def nearer_than(a: ConvexCore, b: ConvexCore, threshold: float, tie: float, axis: int, scratch: int) -> int:
     """Return whether two convex cores are nearer than a threshold: FREE, CONTACT or TIE.
 
-    Gilbert, Johnson and Keerthi (1988) with the point of least norm by Wolfe (1976): v, a point of the
-    difference of the cores, bounds their distance by |v| from above and, with w its furthest point towards
-    the origin, by v . w / |v| from below.  The verdict rests on these bounds only, never on convergence.
+    The algorithm is by Gilbert, Johnson and Keerthi (1988), with the minimum-norm point by Wolfe (1976): v, a
+    point of the difference of the cores, bounds their distance by |v| from above and, with w the support
+    point towards the origin, by v . w / |v| from below.  The verdict rests on these bounds only, never on
+    convergence.
 
     Args:
         a: One core.
-        b: The other.
+        b: The other core.
         threshold: Distance [m].
-        tie: Distances within this of the threshold are ties [m].
-        axis: Address of the direction that parted the cores at their last test, a unit vector in the frame
-            of the first, or zero; it is tried first.  Written where they are parted.
+        tie: Half width of the range around the threshold in which a distance is a TIE [m].
+        axis: Address of the direction that separated the cores at their last test, a unit vector in the frame
+            of a, or zero; it is tried first, and replaced if the cores are separated.
         scratch: Address of a workspace of GJK_WORKSPACE_SIZE doubles.
     """
     if separation(a, b, axis) > threshold + tie:

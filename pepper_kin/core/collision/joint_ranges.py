@@ -1,4 +1,4 @@
-"""Ranges of a joint that depend on another joint, as tables."""
+"""Tables of joint ranges that depend on the position of another joint."""
 
 from __future__ import annotations
 
@@ -11,29 +11,29 @@ from pepper_kin.kernels.lanes import double_at, store_word, word_at
 from pepper_kin.kernels.records import DOUBLES, RecordView, double
 
 HEAD = 8
-"""Numbers of a table in TABLE_HEADS: joints, place in TABLES, rows, first position, cells per rad, and the
-range that all rows leave."""
+"""Size of a table's head in TABLE_HEADS: two joints, offset in TABLES, number of rows, first position, cells
+per rad, and the range that every row allows."""
 CELLS = 128
-"""Cells of equal width into which a table is cut."""
+"""Number of cells of equal width into which a table is divided."""
 CELL = RecordView("CELL", low=double, high=double, inner_low=double, inner_high=double)
-"""Of each cell: below the first or above the second the range is certainly left; from the third to
+"""Bounds of a cell: below the first or above the second the range is certainly violated; from the third to
 the fourth it is certainly kept, at a margin of zero."""
 
 SLACK = 1e-9
-"""A curve may leave a range by this, for rounding [rad or m]."""
-_HALVINGS = 40  # of a segment of a curve
+"""Tolerance by which a curve may leave a range, for rounding [rad or m]."""
+_HALVINGS = 40  # maximum depth of halving a segment of a curve
 
 
 @compiled
 def leaves_range(heads: Array, tables: Array, margin: float, q: Array, k: int) -> bool:
-    """Whether a configuration leaves the range of one table.
+    """Return whether a configuration is outside the range of one table.
 
     Args:
         heads: The section TABLE_HEADS, shape (HEAD t,).
         tables: The section TABLES, shape (r,).
         margin: Angle that the second joint keeps from a contact [rad].
         q: Configuration, shape (n,) [rad or m].
-        k: The table.
+        k: Index of the table.
     """
     h = HEAD * k
     x, y = q[int(heads[h])], q[int(heads[h + 1])]
@@ -57,7 +57,7 @@ def violations(
     n: int,
     left: NDArray[np.int64],
 ) -> None:
-    """Write whether configurations leave a dependent range.
+    """Write whether configurations are outside a dependent range.
 
     Args:
         heads: The section TABLE_HEADS, shape (HEAD t,).
@@ -66,7 +66,7 @@ def violations(
         margin: Angle that the second joint keeps from a contact [rad].
         rows: Joint positions, one configuration after the other, shape (>= count n,) [rad or m].
         n: Number of joints.
-        left: Written, 1 for each configuration that leaves one, else 0, shape (count,).
+        left: Output: 1 for each configuration outside a range, else 0, shape (count,).
     """
     left[:] = 0
     places, states = left.ctypes.data, rows.ctypes.data
@@ -76,7 +76,7 @@ def violations(
         first, second = DOUBLES.at(states, int(heads[h])), DOUBLES.at(states, int(heads[h + 1]))
         for i in range(left.size):
             y, place = double_at(second, n * i), (double_at(first, n * i) - begin) * density
-            place = place if place > 0.0 else 0.0  # also keeps NaN from becoming a place
+            place = place if place > 0.0 else 0.0  # also turns NaN into an index
             place = place if place < CELLS - 1.0 else CELLS - 1.0
             cell = CELL.at(own, int(place))
             surely = (y < CELL.low(cell) + margin) | (y > CELL.high(cell) - margin)
@@ -91,7 +91,7 @@ def violations(
 
 @compiled
 def _row_below(rows: Array, count: int, x: float) -> int:
-    """Return the last of the first `count` rows, of a rising array, shape (k,), at x or below, or -1."""
+    """Return the last index of the first `count` rows, ascending, shape (k,), at x or below, or -1."""
     low, high = -1, count
     while high - low > 1:
         middle = (low + high) // 2
@@ -106,18 +106,18 @@ def _row_below(rows: Array, count: int, x: float) -> int:
 def _line_keeps(
     rows: Array, count: int, margin: float, a: tuple[float, float], b: tuple[float, float]
 ) -> bool:
-    """Whether a straight line keeps the range of one table at each of its points.
+    """Return whether a straight line keeps the range of one table at every point.
 
     Args:
-        rows: Positions of the first joint, and lower and upper ends for the second, shape (3 count,) [rad].
+        rows: Positions of the first joint, lower and upper limits of the second, shape (3 count,) [rad].
         count: Number of rows.
         margin: Angle that the second joint keeps from a contact [rad].
-        a: Where the first and the second joint are at one end; the first is not greater than at the other.
-        b: The same at the other end.
+        a: Positions of the first and second joint at the end where the first joint's is smaller [rad].
+        b: Positions of the first and second joint at the other end [rad].
     """
     slope = (b[1] - a[1]) / (b[0] - a[0]) if b[0] > a[0] else 0.0
     row = _row_below(rows, count, a[0])
-    if row >= 0 and rows[row] == b[0]:  # exactly on a row, which holds alone
+    if row >= 0 and rows[row] == b[0]:  # exactly on a row: only this row applies
         low, high = rows[count + row], rows[2 * count + row]
         return min(a[1], b[1]) >= low + margin and max(a[1], b[1]) <= high - margin
     y = a[1]
@@ -136,13 +136,13 @@ def _line_keeps(
 
 @compiled
 def _box_keeps(rows: Array, count: int, x: tuple[float, float], y: tuple[float, float]) -> bool:
-    """Whether all of a box keeps the range of one table.
+    """Return whether all of a box keeps the range of one table.
 
     Args:
-        rows: See `_line_keeps`, shape (3 count,).
+        rows: Positions of the first joint, lower and upper limits of the second, shape (3 count,) [rad].
         count: Number of rows.
-        x: Least and greatest value of the first joint [rad].
-        y: Those of the second.
+        x: Minimum and maximum of the first joint [rad].
+        y: Minimum and maximum of the second joint [rad].
     """
     row = max(_row_below(rows, count, x[0]), 0)
     while True:
@@ -155,7 +155,7 @@ def _box_keeps(rows: Array, count: int, x: tuple[float, float], y: tuple[float, 
 
 @compiled
 def _write_control(coefficients: Array, i: int, h: float, j: int, points: Array) -> None:
-    """Write the Bezier points, shape (4,), of joint j on segment i, h wide, of a curve, shape (m, 4, n)."""
+    """Write the Bezier points, shape (4,), of joint j on segment i, of width h; curve: shape (m, 4, n)."""
     constant, first = coefficients[i, 0, j], coefficients[i, 1, j] * h
     second, third = coefficients[i, 2, j] * h * h, coefficients[i, 3, j] * h * h * h
     points[0], points[1] = constant, constant + first / 3.0
@@ -164,11 +164,11 @@ def _write_control(coefficients: Array, i: int, h: float, j: int, points: Array)
 
 @compiled
 def _halve(stack: Array, top: int, k: int) -> None:
-    """Write the Bezier points of the second half of a part of a curve, and above them those of the first.
+    """Replace the Bezier points of an interval by those of its second half, and push those of the first half.
 
     Args:
-        stack: Changed, shape (_HALVINGS + 2, 8).
-        top: Row of the part, and of its second half.
+        stack: Rows of Bezier points, changed, shape (_HALVINGS + 2, 8).
+        top: Row of the interval.
         k: Column of a joint's first point: 0 or 4.
     """
     p, q, r, s = stack[top, k], stack[top, k + 1], stack[top, k + 2], stack[top, k + 3]
@@ -182,10 +182,10 @@ def _halve(stack: Array, top: int, k: int) -> None:
 
 @compiled
 def _piece_keeps(rows: Array, count: int, stack: Array) -> bool:
-    """Whether a segment of a curve keeps the range of one table: each part whose box does not is halved.
+    """Return whether a segment of a curve keeps the range of one table, halving it as needed.
 
     Args:
-        rows: See `_line_keeps`, shape (3 count,).
+        rows: Positions of the first joint, lower and upper limits of the second, shape (3 count,) [rad].
         count: Number of rows.
         stack: Workspace, shape (_HALVINGS + 2, 8); the first row holds the Bezier points of both joints.
     """
@@ -207,7 +207,7 @@ def _piece_keeps(rows: Array, count: int, stack: Array) -> bool:
 
 @compiled
 def edge_keeps_ranges(heads: Array, tables: Array, margin: float, a: Array, b: Array) -> bool:
-    """Whether each configuration on the straight line between two keeps all dependent ranges.
+    """Return whether all configurations on the line between two keep all dependent ranges.
 
     Args:
         heads: The section TABLE_HEADS, shape (HEAD t,).
@@ -231,9 +231,9 @@ def edge_keeps_ranges(heads: Array, tables: Array, margin: float, a: Array, b: A
 
 @compiled
 def curve_keeps_ranges(heads: Array, tables: Array, breaks: Array, coefficients: Array) -> bool:
-    """Whether each configuration on a piecewise cubic curve keeps all dependent ranges, without margin.
+    """Return whether all configurations on a piecewise cubic curve keep all dependent ranges, without margin.
 
-    Between examined states a curve could pass a corner of the range, which is piecewise constant.
+    Checking states only would miss a corner of the range, which is piecewise constant.
 
     Args:
         heads: The section TABLE_HEADS, shape (HEAD t,).

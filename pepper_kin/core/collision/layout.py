@@ -1,7 +1,7 @@
-"""Blocks of doubles with all that compiled checking needs: sections of constants and of workspace.
+"""Memory layout of compiled collision checks: blocks of doubles with sections of constants and workspace.
 
-One block is a robot's, with workspace, one for each thread; the other is a scene's, which is only read
-and is named in the first by its address.
+A robot's block has workspace and exists once per thread; a scene's block is only read, and the robot's block
+holds its address.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.intrinsics import floats_at
 
 STATES_AT_ONCE = 64
-"""Configurations that go through the stages together."""
+"""Maximum number of configurations that are checked together."""
 WIDEST = 16.0
-"""Beyond this angle or distance [rad or m] single precision is not trusted: such a configuration is a tie."""
+"""Angle or distance [rad or m] beyond which single precision is not trusted: the configuration is a tie."""
 
 ALIGNMENT = 8
-"""Sections begin at multiples of this many doubles: 64 bytes, a vector register."""
+"""Sections start at multiples of this number of doubles: 64 bytes, a vector register."""
 
 (
     NUMBERS,
@@ -100,31 +100,31 @@ LEVERS has a row for each class of pairs, then for each group, of how far joints
 each of them keeps besides the margins [m]."""
 SECTIONS = 65
 SIZE = 2 * SECTIONS
-"""Place of the size of the block, after the beginnings and ends of its sections."""
+"""Index of the size of the block, after the starts and ends of its sections."""
 
 EDGE_NUMBERS = 3
-"""Of an edge that the robot could tip over: what the floor's force along z, and its moments about x and y,
-are multiplied with."""
+"""Size of an edge that the robot could tip over: factors of the floor's force along z, and of its moments
+about x and y."""
 
 BOX, CYLINDER, HULL, OTHER, CLOUD = 0, 1, 2, 3, 4
-"""Kinds of cores.  A box may be flat: a segment is the core of a capsule, a point that of a sphere."""
+"""Kinds of cores.  A box may be flat: a segment is the core of a capsule, a point the core of a sphere."""
 
 
 @compiled
 def section(memory: Array, which: int) -> Array:
-    """Return a section of a block, shape (s,), as doubles, shape (k,): a view."""
+    """Return a section of a block, shape (s,), as a view of doubles, shape (k,)."""
     return memory[int(memory[2 * which]) : int(memory[2 * which + 1])]
 
 
 @compiled
 def section_single(memory: Array, which: int) -> NDArray[np.float32]:
-    """Return a section of a block, shape (s,), as floats, shape (2 k,): a view."""
+    """Return a section of a block, shape (s,), as a view of single-precision floats, shape (2 k,)."""
     return memory[int(memory[2 * which]) : int(memory[2 * which + 1])].view(np.float32)
 
 
 @compiled
 def scene_of(memory: Array) -> Array:
-    """Return the block of the scene, shape (t,), that a robot's block, shape (s,), names."""
+    """Return the scene's block, shape (t,), to which a robot's block, shape (s,), refers."""
     head = head_of(memory)
     return floats_at(HEAD.scene(head), HEAD.scene_size(head))
 
@@ -143,15 +143,14 @@ def head_of(memory: Array) -> int:
 
 @compiled
 def section_bits(memory: Array, which: int) -> NDArray[np.int64]:
-    """Return a section of a block, shape (s,), as integers, shape (k,): a view."""
+    """Return a section of a block, shape (s,), as a view of integers, shape (k,)."""
     return memory[int(memory[2 * which]) : int(memory[2 * which + 1])].view(np.int64)
 
 
 def blank(sizes: dict[int, int]) -> Array:
-    """Return a block of zeros, shape (s,), whose sections have these sizes; the rest is empty.
+    """Return a block of zeros, shape (s,), aligned to 64 bytes; sections without a size are empty.
 
-    Its first numbers are the beginning and end of each section, then its size; it is at a multiple of 64
-    bytes.
+    It starts with the start and end of each section, then its own size.
     """
     lengths = np.zeros(SECTIONS, np.int64)
     lengths[list(sizes)] = list(sizes.values())
@@ -166,7 +165,7 @@ def blank(sizes: dict[int, int]) -> Array:
 
 
 def pack(sections: dict[int, Array]) -> Array:
-    """Return a block, shape (s,), with these sections, arrays of any shape; see `blank`."""
+    """Return a block, shape (s,), whose sections hold copies of arrays of any shape; see `blank`."""
     block = blank({which: values.size for which, values in sections.items()})
     for which, values in sections.items():
         section(block, which)[:] = values.ravel()
@@ -174,7 +173,7 @@ def pack(sections: dict[int, Array]) -> Array:
 
 
 def shorten(memory: Array, which: int, size: int) -> int:
-    """Reduce the size of a section of a block, shape (s,); return the size that it had."""
+    """Set the size of a section of a block, shape (s,), to at most its size; return the previous size."""
     begin, end = int(memory[2 * which]), int(memory[2 * which + 1])
     memory[2 * which + 1] = begin + size
     return end - begin
@@ -194,18 +193,19 @@ def extended(block: Array, sections: dict[int, Array]) -> Array:
 
 
 def aligned(size: int) -> Array:
-    """Return an array of doubles, shape (size,), the first of them at a multiple of 64 bytes."""
+    """Return an uninitialized array of doubles, shape (size,), aligned to 64 bytes."""
     memory = np.empty(size + ALIGNMENT)
     first = (-memory.ctypes.data // 8) % ALIGNMENT
     return memory[first : first + size]
 
 
 def aligned_copy(block: Array) -> Array:
-    """Return a copy of a block, shape (s,), whose first number is at a multiple of 64 bytes."""
+    """Return a copy of a block, shape (s,), aligned to 64 bytes."""
     copy = aligned(block.size)
     copy[:] = block
     return copy
 
 
 def _round_up(size: int) -> int:
+    """Return the next multiple of ALIGNMENT."""
     return -(-size // ALIGNMENT) * ALIGNMENT

@@ -1,4 +1,4 @@
-"""Lower bounds of distances, compiled: part by part of the robot."""
+"""Lower bounds of distances of each part of the robot, compiled."""
 
 from __future__ import annotations
 
@@ -52,16 +52,16 @@ from pepper_kin.kernels.lanes import (
 from pepper_kin.kernels.records import SINGLES
 
 SMALL = 0.03
-"""Bounds by balls below this are replaced by exact distances where there is a closed form [m]."""
+"""Distance below which bounds by spheres are improved by exact distances that have a closed form [m]."""
 NEAR = 0.1
-"""Bounds to clouds below this are exact for each ball [m]."""
+"""Distance below which bounds to clouds are exact for each sphere [m]."""
 FAR = 1e30
-"""Where there is nothing to be near to [m]."""
+"""Distance that stands for "nothing is near" [m]."""
 
 
 @compiled(inline=True, lean=True)
 def _less_reach(squared: Any, reach: float) -> Any:
-    """Return d - R in lanes; -FAR where d is zero, since the depth is not measured."""
+    """Return d - R in lanes; -FAR if d is zero, because the depth is not measured."""
     distance = lane_sqrt(squared)
     inside = lane_minimum(distance * 1e30 - 1.0, spread(0.0))  # -1 where the distance is zero
     return distance - reach + inside * FAR
@@ -69,7 +69,7 @@ def _less_reach(squared: Any, reach: float) -> Any:
 
 @compiled(lean=True)
 def _link_bound(t: Tables, k: int, least: Any) -> Any:
-    """Return a bound in lanes, or the distance of a body's balls from another's cores where less."""
+    """Return in lanes `least` or the distance of a body's spheres from another's cores, if smaller [m]."""
     link = LINK.at(t.links, k)
     first, second = LINK.covered_coarse(link), LINK.exact_coarse(link)
     x, y, z = TRIPLES.xyz(t.centers, first)
@@ -98,7 +98,7 @@ def _link_bound(t: Tables, k: int, least: Any) -> Any:
 
 @compiled
 def _cloud_bound(t: Tables, k: int, i: int, least: Any) -> Any:
-    """Return a bound in lanes, or that of the distance of ball i from a cloud, object k, where less."""
+    """Return in lanes the smaller of `least` and a bound of sphere i's distance from cloud k [m]."""
     item, scratch, c = OBJECT.at(t.objects, k), t.cloud_scratch, cloud_at(word_at(t.clouds, k))
     x, y, z = TRIPLES.xyz(t.centers, i)
     x, y, z = to_frame(item, x, y, z)
@@ -120,7 +120,7 @@ def _cloud_bound(t: Tables, k: int, i: int, least: Any) -> Any:
 
 @compiled(lean=True)
 def _group_bound(t: Tables, g: int) -> Any:
-    """Return in lanes how far the balls of a group are from the objects of its trees."""
+    """Return in lanes the minimum distance of the spheres of a group from the objects of its trees [m]."""
     group, least = GROUP.at(t.groups, g), spread(FAR)
     reach = BALL.outer(t.balls, GROUP.coarse(group))
     x, y, z = TRIPLES.xyz(t.centers, GROUP.coarse(group))
@@ -150,12 +150,12 @@ def _group_bound(t: Tables, g: int) -> Any:
 
 @compiled
 def _write(memory: Array, least: Any, bounds: Array, first: int, count: int, part: int) -> None:
-    """Write the bounds of a part of the robot in all lanes.
+    """Write the bounds of a part of the robot from all lanes.
 
     Args:
         memory: The robot's block, shape (s,).
         least: The bounds in lanes [m].
-        bounds: Written from row `first` on, shape (m, parts) [m]: -inf where the bound is not above zero.
+        bounds: Output from row `first` on, shape (m, parts) [m]: -inf where the bound is not positive.
         first: Row of the configuration in the first lane.
         count: Number of configurations, LANES at most.
         part: Column of the part.
@@ -169,12 +169,12 @@ def _write(memory: Array, least: Any, bounds: Array, first: int, count: int, par
 
 @compiled
 def _group_distance(memory: Array, scene: Array, g: int) -> float:
-    """Return a lower bound of the distance of a group's solids, which are placed, to the scene [m].
+    """Return a lower bound of the distance of a group's placed solids to the scene [m].
 
     Args:
         memory: The robot's block, shape (s,).
-        scene: The scene's, shape (t,).
-        g: The group.
+        scene: The scene's block, shape (t,).
+        g: Index of the group.
     """
     members, least = section(memory, at.GROUP_SOLIDS), math.inf
     lists, roots, nodes = (
@@ -203,12 +203,12 @@ def _group_distance(memory: Array, scene: Array, g: int) -> float:
 
 @compiled
 def _sharpen(memory: Array, scene: Array, bounds: Array, q: Array) -> None:
-    """Raise those bounds of a configuration that are small, by exact distances.
+    """Raise the small bounds of a configuration by exact distances.
 
     Args:
         memory: The robot's block, shape (s,).
-        scene: The scene's, shape (t,).
-        bounds: Changed, shape (classes + groups,) [m].
+        scene: The scene's block, shape (t,).
+        bounds: Bounds, changed, shape (classes + groups,) [m].
         q: Configuration, shape (n,) [rad or m].
     """
     head, first, pairs = at.head_of(memory), section(memory, at.PAIR_FIRST), section(memory, at.PAIRS)
@@ -230,12 +230,12 @@ def _sharpen(memory: Array, scene: Array, bounds: Array, q: Array) -> None:
 
 @compiled("void(float64[::1], float64[:, ::1], float64[:, ::1])")
 def part_bounds(memory: Array, q: Array, bounds: Array) -> None:
-    """Write lower bounds of the distance of each class of pairs and of each group to the scene [m].
+    """Write lower bounds of the distance of each class of pairs, and of each group to the scene [m].
 
     Args:
         memory: A block in which all joints are free, shape (s,); its margins do not count.
         q: Configurations, shape (m, n) [rad or m].
-        bounds: Written, shape (m, classes + groups) [m].
+        bounds: Output, shape (m, classes + groups) [m].
     """
     coordinates, n, scene = section_single(memory, at.COORDINATES), q.shape[1], at.scene_of(memory)
     for start in range(0, q.shape[0], STATES_AT_ONCE):

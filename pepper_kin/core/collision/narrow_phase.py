@@ -1,4 +1,4 @@
-"""The exact verdicts on configurations that spheres leave in doubt."""
+"""Exact verdicts on configurations that bounding spheres leave in doubt."""
 
 from __future__ import annotations
 
@@ -64,19 +64,19 @@ from pepper_kin.kernels.lanes import double_at, single_at, word_at
 from pepper_kin.kernels.records import SINGLES
 
 TIE_WIDTH = 3e-6
-"""Distances within this of the threshold are ties: coal's own iterations end at 1e-6 [m]."""
+"""Half width of the range around a threshold in which a distance is a TIE [m]: coal's iterations end at
+1e-6."""
 ROUNDING = 1e-9
-"""More than double precision loses in a distance [m]."""
+"""Upper bound of the rounding error of a distance in double precision [m]."""
 PLACE_SIZE = 13
-"""Numbers of a solid of the robot in SOLID_PLACES: its joint, its pose there (center, x, y and z axis)."""
+"""Size of a solid of the robot in SOLID_PLACES: its joint, its pose there (center, x, y and z axis)."""
 FULL_SIZE = 3
-"""Numbers of a coordinate of the Pinocchio model in FULL: the one of q on which it depends, gain and
-offset."""
+"""Size of a coordinate of the Pinocchio model in FULL: index in q on which it depends, gain and offset."""
 
 
 @compiled(inline=True, lean=True)
 def _core(memory: Array, a: int) -> ConvexCore:
-    """Return the core of a solid of a block, shape (s,)."""
+    """Return the core of solid `a` of a block, shape (s,)."""
     solids, firsts = address_of(memory, SOLIDS), address_of(memory, VERTEX_FIRST)
     begin = int(double_at(firsts, a))
     return ConvexCore(
@@ -92,14 +92,14 @@ def _core(memory: Array, a: int) -> ConvexCore:
 
 @compiled(inline=True, lean=True)
 def _thin(core: ConvexCore) -> bool:
-    """Whether a core is a segment or a point."""
+    """Return whether a core is a segment or a point."""
     x, y, _ = VECTORS.xyz(core.half)
     return core.kind == BOX and x == 0.0 and y == 0.0
 
 
 @compiled(lean=True)
 def _off_box(core: ConvexCore, place: int) -> float:
-    """Return the squared distance of a point, at an address, to the box around a core [m^2]."""
+    """Return the squared distance of a point, given by address, to the box around a core [m^2]."""
     squared, axes = 0.0, POSE.x_axis_at(core.pose)
     x, y, z = between(place, core.pose)
     for i in range(3):
@@ -110,13 +110,13 @@ def _off_box(core: ConvexCore, place: int) -> float:
 
 @compiled(inline=True, lean=True)
 def _axis_of(memory: Array, slot: int) -> int:
-    """Return the address, in a block, shape (s,), of the direction that parted a pair last."""
+    """Return the address, in a block, shape (s,), of the direction that last separated a pair."""
     return int(VECTORS.at(address_of(memory, AXES), slot % (section(memory, AXES).size // 3)))
 
 
 @compiled
 def ball_meets(node: int, center: int, reach: float) -> bool:
-    """Whether a ball meets the box of a node [m]; the node and the ball's center are at addresses."""
+    """Return whether a sphere [m] meets the box of a node; node and center are addresses."""
     low, high, squared = NODE.low_at(node), NODE.high_at(node), 0.0
     for i in range(3):
         x = double_at(center, i)
@@ -127,15 +127,15 @@ def ball_meets(node: int, center: int, reach: float) -> bool:
 
 @compiled(lean=True)
 def _pair(memory: Array, other: Array, a: int, b: int, margin: float, slot: int) -> int:
-    """Return the verdict on a solid of a block and one of another: FREE, CONTACT or TIE.
+    """Return the verdict on a solid of one block and a solid of another: FREE, CONTACT or TIE.
 
     Args:
         memory: The robot's block, shape (s,).
-        other: The same, or the scene's, shape (t,).
-        a: A solid of the first.
-        b: A solid of the second.
+        other: The robot's block, or the scene's, shape (t,).
+        a: Solid in `memory`.
+        b: Solid in `other`.
         margin: Distance to keep [m].
-        slot: Place of the pair in AXES.
+        slot: Index of the pair in AXES.
     """
     one, two = _core(memory, a), _core(other, b)
     row_a, row_b = SOLID.at(address_of(memory, SOLIDS), a), SOLID.at(address_of(other, SOLIDS), b)
@@ -168,7 +168,7 @@ def _pair(memory: Array, other: Array, a: int, b: int, margin: float, slot: int)
 
 @compiled(lean=True)
 def _segment_distance(one: ConvexCore, two: ConvexCore) -> float:
-    """Return the distance of a segment and a box, which may be one too [m]."""
+    """Return the distance of a segment and a box, which may be a segment too [m]."""
     first, second = one, two
     if not _thin(one):
         first, second = two, one
@@ -181,14 +181,14 @@ def _segment_distance(one: ConvexCore, two: ConvexCore) -> float:
 
 @compiled
 def pair_distance(memory: Array, other: Array, a: int, b: int, least: float) -> float:
-    """Return a lower bound of the distance of two solids [m]: exact where one core is a segment, or -inf.
+    """Return a lower bound of the distance of two solids [m]; exact if one core is a segment, or -inf.
 
     Args:
         memory: A block, shape (s,).
-        other: Another, shape (t,), or the same.
-        a: A solid of the first.
-        b: A solid of the second.
-        least: Distances above this need not be exact [m].
+        other: The same block or another, shape (t,).
+        a: Solid in `memory`.
+        b: Solid in `other`.
+        least: Distance above which the bound need not be exact [m].
     """
     one, two = _core(memory, a), _core(other, b)
     x, y, z = between(one.pose, two.pose)
@@ -234,14 +234,14 @@ def place_solids(memory: Array, q: Array) -> None:
 
 @compiled
 def _scene_verdict(memory: Array, scene: Array, group: int, a: int, slot: int) -> int:
-    """Return the verdict on a solid of a group and the scene, whose pairs are in AXES from `slot` on.
+    """Return the verdict on a solid of a group and the whole scene: FREE, CONTACT or TIE.
 
     Args:
         memory: The robot's block, shape (s,), with poses in SOLID_POSES.
-        scene: The scene's, shape (t,).
-        group: The group.
-        a: The solid.
-        slot: Place in AXES of its pair with the scene's first object.
+        scene: The scene's block, shape (t,).
+        group: Index of the group.
+        a: Index of the solid.
+        slot: Index in AXES of the solid's pair with the scene's first object.
     """
     lists, roots, nodes = address_of(scene, ROOT_LISTS), address_of(scene, ROOTS), address_of(scene, NODES)
     head, worst, center = head_of(memory), FREE, POSE.at(address_of(memory, SOLID_POSES), a)
@@ -265,11 +265,11 @@ def _scene_verdict(memory: Array, scene: Array, group: int, a: int, slot: int) -
 
 @compiled
 def _stays_apart(memory: Array, c: int, q: Array, least: float) -> bool:
-    """Whether the pairs of a class were so far apart lately that they are still farther than a distance.
+    """Return whether a class's stored gap proves that its pairs are farther apart than a distance.
 
     Args:
         memory: The block, shape (s,).
-        c: The class.
+        c: Index of the class.
         q: Configuration, shape (n,) [rad or m].
         least: The distance [m].
     """
@@ -283,7 +283,7 @@ def _stays_apart(memory: Array, c: int, q: Array, least: float) -> bool:
 
 @compiled
 def _keep_gap(memory: Array, c: int, q: Array) -> float:
-    """Keep and return a lower bound of the distance [m] of a class's pairs at a configuration, shape (n,)."""
+    """Store and return a lower bound of the distance [m] of a class's pairs at q, shape (n,)."""
     first, states = section(memory, PAIR_FIRST), section(memory, GAP_STATES)
     gap = math.inf
     for k in range(int(first[c]), int(first[c + 1])):
@@ -297,13 +297,13 @@ def _keep_gap(memory: Array, c: int, q: Array) -> float:
 
 @compiled
 def _verdict(memory: Array, classes: int, groups: int, q: Array) -> int:
-    """Return FREE, CONTACT, or TIE where some pair is too near to the threshold to decide, none nearer.
+    """Return FREE, CONTACT, or TIE if a pair is too near the threshold to decide and none is nearer.
 
     Args:
         memory: The block, shape (s,), with poses in SOLID_POSES.
-        classes: Bits of the classes of pairs in doubt; bit 61 stands for all from there on.
-        groups: Bits of the groups of solids in doubt about the scene; the same.
-        q: The configuration, shape (n,) [rad or m].
+        classes: Bits of the pair classes in doubt; bit 61 stands for all classes from 61 on.
+        groups: Bits of the groups of solids in doubt against the scene; bit 61 stands for all from 61 on.
+        q: Configuration, shape (n,) [rad or m].
     """
     head, scene, worst = head_of(memory), scene_of(memory), FREE
     first, pairs, allowances = (
@@ -334,19 +334,19 @@ def _verdict(memory: Array, classes: int, groups: int, q: Array) -> int:
 
 @compiled
 def decide_pairs(memory: Array, rows: Array, count: int, all_free: bool) -> int:
-    """Decide those of some configurations that balls leave in doubt.
+    """Decide the configurations that bounding spheres leave in doubt; return how many were in doubt.
 
-    How far the pairs of a class are apart is kept, and with it the configuration: at others nearby, the
-    proven bounds of how far joints move solids show that they do not touch.
+    The distance of each class's pairs is stored with its configuration: at nearby configurations, the motion
+    bounds of the joints prove that the pairs do not collide.
 
-    Their verdicts are written into STATUS: FREE, CONTACT, or TIE where some pair is too near to the threshold
-    to decide and none is nearer.  Returns how many were in doubt.
+    Verdicts are written into STATUS: FREE, CONTACT, or TIE if a pair is too near the threshold to decide and
+    none is nearer.
 
     Args:
         memory: The block, shape (s,).
         rows: Configurations, one after the other, shape (count n,) [rad or m].
-        count: How many.
-        all_free: Whether the first that is not free ends it.
+        count: Number of configurations.
+        all_free: Whether to stop at the first configuration that is not free.
     """
     status, doubts, head = section_bits(memory, STATUS), 0, head_of(memory)
     classes, groups = section_bits(memory, ROW_CLASSES), section_bits(memory, ROW_GROUPS)
@@ -369,12 +369,12 @@ def decide_pairs(memory: Array, rows: Array, count: int, all_free: bool) -> int:
 
 @compiled("int64(float64[::1], int64, int64)")
 def pair_verdict(memory: Array, a: int, o: int) -> int:
-    """Return the verdict on a solid of the robot that no joint moves and an object of the scene.
+    """Return the verdict on an object of the scene and a solid of the robot that no joint moves.
 
     Args:
         memory: The robot's block, shape (s,).
-        a: The solid.
-        o: The object's place in the scene's block.
+        a: Index of the solid.
+        o: Index of the object in the scene's block.
     """
     place_solids(memory, section(memory, FROZEN))
     return int(_pair(memory, scene_of(memory), a, o, HEAD.margin(head_of(memory)), 0))
@@ -382,17 +382,17 @@ def pair_verdict(memory: Array, a: int, o: int) -> int:
 
 @compiled("int64(float64[::1], float64[::1], float64[:, ::1], float64, uint8[::1])")
 def near_robot(memory: Array, q: Array, points: Array, margin: float, near: NDArray[np.uint8]) -> int:
-    """Mark points that are nearer to a robot's solids than a distance, or too near to it to decide.
+    """Mark points that are nearer to a robot's solids than a distance, or too near to decide.
 
     Args:
         memory: The robot's block, shape (s,).
         q: Configuration, shape (n,) [rad or m].
         points: Points in the world, shape (k, 3) [m].
         margin: The distance [m].
-        near: Written, 1 for each point that is marked, else 0, shape (k,).
+        near: Output: 1 for each marked point, else 0, shape (k,).
 
     Returns:
-        How many are marked.
+        The number of marked points.
     """
     scratch, count = address_of(memory, PAIR_WORKSPACE), 0
     axis = POINT_WORKSPACE.axis_at(scratch)

@@ -1,4 +1,4 @@
-"""Distances of the nearest bodies at many states, with their derivatives, compiled."""
+"""Distances of the nearest bodies at many states, with their gradients, compiled."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Floats4, In
 
 
 class NearestPairs(NamedTuple):
-    """The nearest pairs at K states, R of each.
+    """The R nearest pairs at each of K states.
 
     Attributes:
-        distance: Their distances less the gaps that they keep, ascending, shape (K, R) [m].
-        pair: Their places among the pairs, shape (K, R).
-        points: The nearest points of their cores, and the direction from the second to the first, shape
-            (K, R, 3, 3) [m].
-        found: How many there are, shape (K,).
+        distance: Distances of the pairs less the gaps that they keep, ascending, shape (K, R) [m].
+        pair: Indices of the pairs, shape (K, R).
+        points: The nearest points of their cores [m], and the direction from the second to the first, shape
+            (K, R, 3, 3).
+        found: Number of pairs found, at most R, shape (K,).
     """
 
     distance: Floats2
@@ -33,17 +33,17 @@ class NearestWorkspace(NamedTuple):
     """Workspace of the search at K states.
 
     Attributes:
-        frames: Poses of F frames with states side by side: origin, x, y and z axis, shape (F, 12, K).
-        cores: Those of the bodies' cores, shape (B, 12, K); without axes x and y of those that are
-            points or segments.
-        square: Squared distances of two bodies' centers, and of each one's center to the other's core, shape
-            (3, K).
+        frames: Poses of F frames, states contiguous: origin, x, y and z axis, shape (F, 12, K).
+        cores: Poses of the bodies' cores, shape (B, 12, K); axes x and y of points and segments are not
+            written.
+        square: Squared distances of two bodies' centers, and of each center to the other's core, shape (3,
+            K).
         pair: Poses of the two cores that are compared at a state, shape (2, 12).
-        near: Points and direction of these, see `measure`, shape (3, 3).
+        near: Nearest points and direction of the two cores, see `measure`, shape (3, 3).
         work: Workspace of `measure`.
         poses: Poses of the joints at a state, of which only the origins are written, shape (J + 1, 12).
-        axes: Their axes, shape (J + 1, 3).
-        gradient: Shape (J,).
+        axes: Axes of the joints at a state, shape (J + 1, 3).
+        gradient: Gradient of a distance, shape (J,).
     """
 
     frames: Floats3
@@ -63,13 +63,13 @@ def find_nearest(
 ) -> None:
     """Write the nearest pairs at each state.
 
-    Bounding spheres, and the sphere of one against the other's core, are compared at all states side by side.
+    Bounding spheres, and each bounding sphere against the other's core, are compared at all states at a time.
 
     Args:
         poses: World poses of the frames that the joints move at K states, shape (K, J, 4, 4).
         table: The shapes and pairs.
-        influence: Distances beyond this do not count [m]; rows that are left have this distance.
-        near: Written.
+        influence: Distance beyond which pairs do not count [m]; unused rows have this distance.
+        near: Output.
         scratch: Workspace.
     """
     distance, pairs, shapes = near.distance, table.pairs, table.shapes
@@ -109,7 +109,11 @@ def find_nearest(
 def _are_far(
     table: NearTable, scratch: NearestWorkspace, a: int, b: int, widths: tuple[float, float, float]
 ) -> bool:
-    """Write the squared distances of two shapes at all states; return whether one shows that they are far."""
+    """Write squared distances of two shapes at all states; return whether one proves that they are far.
+
+    `widths` are the distances of the two centers, of a's center from b's core, and of b's center from a's
+    core beyond which the shapes are far [m].
+    """
     balls, ours, theirs = widths
     one, other, square = scratch.cores[a], scratch.cores[b], scratch.square
     if _square_between(one, other, square[0]) >= balls * balls:
@@ -121,13 +125,13 @@ def _are_far(
 
 @compiled(lean=True)
 def _is_thin(shape: Floats1) -> bool:
-    """Whether the axes x and y of a core do not matter: they are not placed."""
+    """Return whether axes x and y of a core, shape (SHAPE,), are irrelevant and not placed."""
     return shape[HALF] == 0.0 and shape[HALF + 1] == 0.0
 
 
 @compiled(lean=True)
 def _fetch(shape: Floats1, core: Floats2, k: int, pose: Floats1) -> None:
-    """Copy the pose of a shape's core, shape (12, K), at a state; axes that are not placed are zero."""
+    """Copy the pose, shape (12,), of a shape's core, shape (12, K), at a state; unplaced axes are zero."""
     is_thin = _is_thin(shape)
     for i in range(12):
         pose[i] = 0.0 if is_thin and 3 <= i < 9 else core[i, k]
@@ -135,7 +139,7 @@ def _fetch(shape: Floats1, core: Floats2, k: int, pose: Floats1) -> None:
 
 @compiled(lean=True)
 def _insert(near: NearestPairs, k: int, apart: float, p: int, points: Floats2) -> None:
-    """Put a pair in its place among the nearest of a state."""
+    """Insert a pair into the sorted nearest pairs of a state; points: shape (3, 3)."""
     distance, most = near.distance, near.distance.shape[1]
     place = min(near.found[k], most - 1)
     while place > 0 and distance[k, place - 1] > apart:
@@ -151,7 +155,7 @@ def _insert(near: NearestPairs, k: int, apart: float, p: int, points: Floats2) -
 
 @compiled(lean=True, vector=True)
 def _square_between(one: Floats2, other: Floats2, square: Floats1) -> float:
-    """Write the squared distances of two cores' centers at all states; return the least."""
+    """Write the squared distances of two cores' centers at all states; return the minimum."""
     least = 1e300
     ax, ay, az, bx, by, bz = one[0], one[1], one[2], other[0], other[1], other[2]
     for k in range(square.size):
@@ -164,13 +168,13 @@ def _square_between(one: Floats2, other: Floats2, square: Floats1) -> float:
 
 @compiled(lean=True)
 def _square_outside(one: Floats2, core: Floats2, local: Floats1, square: Floats1, between: Floats1) -> float:
-    """Write the squared distances of a center to another core at all states; return the least.
+    """Write the squared distances of a core's center to another core at all states; return the minimum.
 
     Args:
-        one: Core whose center is taken, at all states, shape (12, K).
-        core: The other core.
-        local: That shape, see `NearTable`.
-        square: Written, shape (K,).
+        one: Poses of the core whose center is taken, shape (12, K).
+        core: Poses of the other core, shape (12, K).
+        local: Shape of the other core, see `NearTable`, shape (SHAPE,).
+        square: Output, shape (K,).
         between: Squared distances of the two centers, shape (K,).
     """
     if local[HALF] > 0.0 or local[HALF + 1] > 0.0:
@@ -181,7 +185,7 @@ def _square_outside(one: Floats2, core: Floats2, local: Floats1, square: Floats1
 
 @compiled(lean=True, vector=True)
 def _outside_segment(one: Floats2, core: Floats2, half: float, square: Floats1, between: Floats1) -> float:
-    """See `_square_outside`; of a point or a segment along z, whose axes x and y are not placed."""
+    """Write `_square_outside` for a point or a segment along z, whose axes x and y are not placed."""
     least = 1e300
     ax, ay, az, bx, by, bz = one[0], one[1], one[2], core[0], core[1], core[2]
     zx, zy, zz = core[9], core[10], core[11]
@@ -200,7 +204,7 @@ def _outside_segment(one: Floats2, core: Floats2, half: float, square: Floats1, 
 def _outside_solid(
     one: Floats2, core: Floats2, half: tuple[float, float, float], is_round: bool, square: Floats1
 ) -> float:
-    """See `_square_outside`; of a box or a cylinder."""
+    """Write `_square_outside` for a box or a cylinder."""
     least, (hx, hy, hz) = 1e300, half
     ax, ay, az, bx, by, bz = one[0], one[1], one[2], core[0], core[1], core[2]
     xx, xy, xz, yx, yy, yz = core[3], core[4], core[5], core[6], core[7], core[8]
@@ -224,7 +228,7 @@ def _outside_solid(
 
 @compiled(lean=True)
 def _place_cores(poses: Floats4, table: NearTable, scratch: NearestWorkspace) -> None:
-    """Write the cores of all shapes in the world, states side by side."""
+    """Write the world poses of all shapes' cores, states contiguous; poses: shape (K, F, 4, 4)."""
     frames, cores = scratch.frames, scratch.cores
     states, count = poses.shape[0], frames.shape[0]
     for k in range(states):
@@ -264,7 +268,7 @@ def _add(values: Floats1, more: Floats1) -> None:
 
 @compiled(lean=True, vector=True)
 def _turn(frame: Floats2, i: int, vector: tuple[float, float, float], values: Floats1) -> None:
-    """Write coordinate i of a frame's vector in the world at all states."""
+    """Write coordinate i of a frame's vector in the world at all states, shape (K,)."""
     x, y, z = vector
     first, second, third = frame[3 + i], frame[6 + i], frame[9 + i]
     for k in range(values.size):

@@ -1,4 +1,4 @@
-"""Numbers of the objects of a scene as compiled checks take them, for all at once."""
+"""Tables of a scene's objects for compiled checks, written for all objects at once."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from pepper_kin.kernels.lanes import store_single
 from pepper_kin.kernels.signatures import Floats2, Floats3, Singles2
 
 KIND, RADIUS, BOUNDING, FILLED, CORNER, HALF, PLACE, ROW = 0, 1, 2, 3, 4, 5, 8, 20
-"""Numbers of a solid, and how many they are: kind, radius, bounding radius, whether it is filled, distance of
-the core's farthest corner, half lengths (3), pose of the core: center, x, y and z axis (12)."""
+"""Columns of a solid, and their number: kind, radius, bounding radius, whether it is filled, distance of the
+core's farthest corner, half lengths (3), pose of the core: center, x, y and z axis (12)."""
 
 BALL, BAR, ROUND, BLOCK = 0, 1, 2, 3
-"""Simple shapes with their sizes: a sphere (radius), a capsule and a cylinder (radius, length) and a
-box (its full lengths)."""
+"""Kinds of primitive shapes and their sizes: sphere (radius), capsule and cylinder (radius, length), box
+(full lengths)."""
 
 
 @compiled("void(float64[:, ::1], float64[:, :, ::1], float64[:, ::1])", lean=True)
 def write_simple_rows(shapes: Floats2, poses: Floats3, rows: Floats2) -> None:
-    """Write the rows of simple shapes.
+    """Write the rows of primitive shapes.
 
     Args:
-        shapes: Which shape, and its three sizes [m], shape (k, 4).
-        poses: Transforms from their own frames to the world, shape (k, 4, 4).
-        rows: Receives the numbers, shape (k, ROW).
+        shapes: Kind of each shape, and its three sizes [m], shape (k, 4).
+        poses: Transforms from the shapes' frames to the world, shape (k, 4, 4).
+        rows: Output, shape (k, ROW).
     """
     for k in range(shapes.shape[0]):
         shape, a, b, c = int(shapes[k, 0]), shapes[k, 1], shapes[k, 2], shapes[k, 3]
@@ -46,9 +46,9 @@ def write_simple_rows(shapes: Floats2, poses: Floats3, rows: Floats2) -> None:
 
 
 NO_INNER = -1e3
-"""Inner radius of shapes for which no inner ball is computed [m]."""
+"""Inner radius of shapes without an inner sphere [m]."""
 VAST = 1e6
-"""Half length in place of an infinite one [m]."""
+"""Half length that replaces an infinite one [m]."""
 
 
 @compiled(
@@ -64,16 +64,16 @@ def write_objects(
     lows: Floats2,
     highs: Floats2,
 ) -> None:
-    """Write what balls are compared with: the section OBJECTS, and boxes around the objects.
+    """Write the section OBJECTS, which spheres are compared with, and the boxes around the objects.
 
     Args:
-        rows: The objects' numbers, shape (k, ROW).
-        rounding: Error of a comparison over the distances in it.
-        far: Objects are not larger than this, or meet the robot where they are [m].
-        farthest: How far the robot reaches [m].
-        items: Receives the objects in single precision, shape (k, OBJECT.width).
-        lows: Receives the least corners of the boxes, shape (k, 3) [m].
-        highs: Receives the greatest corners, shape (k, 3) [m].
+        rows: Rows of the objects, shape (k, ROW).
+        rounding: Rounding error of a comparison relative to its distances.
+        far: Limit of an object's size in that error: larger objects reach the robot wherever they are [m].
+        farthest: Maximum reach of the robot [m].
+        items: Output: the objects in single precision, shape (k, OBJECT.width).
+        lows: Output: minimum corners of the boxes, shape (k, 3) [m].
+        highs: Output: maximum corners of the boxes, shape (k, 3) [m].
     """
     for k in range(rows.shape[0]):
         kind, radius, corner = rows[k, 0], rows[k, 1], rows[k, 4]

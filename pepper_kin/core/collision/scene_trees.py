@@ -1,4 +1,4 @@
-"""Trees of boxes around the objects of a scene, and the sections of its block."""
+"""Trees of boxes around the objects of a scene, and the other sections of the scene's block."""
 
 from __future__ import annotations
 
@@ -17,30 +17,31 @@ from pepper_kin.kernels.lanes import LANES
 from pepper_kin.kernels.signatures import Bytes2, Floats1, Floats2, Ints1, Ints2, Singles2
 
 FEW = 12
-"""Objects in a tree that is one leaf;"""
+"""Maximum number of objects in a tree that is a single leaf."""
 LEAF = 4
-"""those in a leaf of any other tree, at most."""
+"""Maximum number of objects in a leaf of any other tree."""
 LARGE = 8.0
-"""Objects longer than this many times the median get a separate tree: they would widen all boxes."""
+"""Ratio to the median length beyond which objects get a separate tree, because they would widen all boxes."""
 CELLS = 65535
-"""Cells along each axis of the grid in which Morton's curve runs, less one."""
+"""Number of cells, less one, along each axis of the grid of the Morton curve."""
 OUTWARD, TINY = 2.0**-23, 1e-37
-"""A number moved by this part of itself and that much stays moved when it is rounded to single precision."""
+"""Relative and absolute amount by which a number is moved outward, so that rounding to single precision
+cannot move it inward."""
 
 
 class ObjectSets(NamedTuple):
     """Objects of a scene, in sets that are compared with the same groups of bodies.
 
     Attributes:
-        rows: Numbers of the objects, see `scene_rows`, shape (k, ROW).
-        items: The same as balls are compared with them, see `write_objects`, shape (k, OBJECT.width).
-        lows: Least corners of boxes around them, shape (k, 3) [m].
-        highs: Greatest corners, shape (k, 3) [m].
-        members: Places of the objects, set after set, shape (k,).
-        ends: Where each set ends there, shape (s,).
-        met: 1 where a set is compared with a group, shape (s, g).
-        order: Receives the places of the objects, tree after tree, shape (k,).
-        trees: Receives set, first object and end of objects of each tree, shape (2 s, 3).
+        rows: Rows of the objects, see `scene_rows`, shape (k, ROW).
+        items: Objects as spheres are compared with them, see `write_objects`, shape (k, OBJECT.width).
+        lows: Minimum corners of the boxes around the objects, shape (k, 3) [m].
+        highs: Maximum corners of the boxes, shape (k, 3) [m].
+        members: Indices of the objects, set after set, shape (k,).
+        ends: End of each set in `members`, shape (s,).
+        met: 1 if a set is compared with a group, else 0, shape (s, g).
+        order: Output: indices of the objects, tree after tree, shape (k,).
+        trees: Output: set, first object and end of objects of each tree, shape (2 s, 3).
     """
 
     rows: Floats2
@@ -56,7 +57,7 @@ class ObjectSets(NamedTuple):
 
 @compiled
 def _sort(keys: NDArray[np.int64], order: NDArray[np.int64]) -> None:
-    """Sort places, shape (m,), by their keys, shape (k,); equal ones stay in order."""
+    """Sort indices, shape (m,), by their keys, shape (k,), stably."""
     count, width = order.size, 1
     scratch = np.empty(count, np.int64)
     while width < count:
@@ -86,14 +87,14 @@ def _longest(sets: ObjectSets, o: int) -> float:
 
 @compiled
 def _length_that_is_large(sets: ObjectSets, first: int, end: int) -> float:
-    """Return the length beyond which objects of a set get a separate tree [m]."""
+    """Return the length beyond which objects of a set get a separate tree [m]; infinite for small sets."""
     count = end - first
     if count <= FEW:
         return math.inf
     lengths, keys, order = np.empty(count), np.empty(count, np.int64), np.empty(count, np.int64)
     for k in range(count):
         lengths[k], order[k] = _longest(sets, sets.members[first + k]), k
-    bits = lengths.view(np.int64)  # of numbers that are not negative: in the same order
+    bits = lengths.view(np.int64)  # nonnegative doubles sort like their bits
     for k in range(count):
         keys[k] = bits[k]
     _sort(keys, order)
@@ -102,7 +103,7 @@ def _length_that_is_large(sets: ObjectSets, first: int, end: int) -> float:
 
 @compiled
 def _spread_bits(cell: int) -> int:
-    """Return a number of 16 bits with two zeros before each."""
+    """Return a number of 16 bits with two zero bits inserted before each bit."""
     cell = (cell | (cell << 16)) & 0xFF0000FF
     cell = (cell | (cell << 8)) & 0xF00F00F00F
     cell = (cell | (cell << 4)) & 0xC30C30C30C3
@@ -111,7 +112,7 @@ def _spread_bits(cell: int) -> int:
 
 @compiled
 def _sort_along_curve(sets: ObjectSets, first: int, end: int) -> None:
-    """Sort the objects of a tree along a curve that keeps neighbors together (Morton's)."""
+    """Sort the objects of a tree along Morton's curve, which keeps neighbors together."""
     lows, highs, order = sets.lows, sets.highs, sets.order[first:end]
     keys = np.zeros(sets.rows.shape[0], np.int64)
     for i in range(3):
@@ -127,7 +128,7 @@ def _sort_along_curve(sets: ObjectSets, first: int, end: int) -> None:
 
 @compiled
 def _depth(count: int) -> int:
-    """Return how many branchings lie above the leaves of a tree of so many objects."""
+    """Return the number of levels of branches above the leaves of a tree of `count` objects."""
     depth = 0
     while count > FEW and LEAF << depth < count:
         depth += 1
@@ -136,7 +137,7 @@ def _depth(count: int) -> int:
 
 @compiled("Tuple(int64, int64, int64)(ObjectSets)")
 def sort_objects(sets: ObjectSets) -> tuple[int, int, int]:
-    """Sort the objects of a scene into trees, those of a set that are much longer than most apart.
+    """Sort the objects of a scene into trees; objects much longer than the median get a separate tree.
 
     Returns:
         The number of trees, of their nodes, and of pairs of a tree and a group that are compared.
@@ -169,16 +170,16 @@ def sort_objects(sets: ObjectSets) -> tuple[int, int, int]:
 
 @compiled
 def _round_outward(target: NDArray[np.float32], place: int, low: float, high: float) -> None:
-    """Write the ends of a range to an array, shape (s,), three places apart, rounded outward [m]."""
+    """Write a range's ends to an array, shape (s,), three indices apart, rounded outward [m]."""
     target[place] = low - abs(low) * OUTWARD - TINY
     target[place + 3] = high + abs(high) * OUTWARD + TINY
 
 
 @compiled
 def _write_nodes(sets: ObjectSets, first: int, end: int, begin: int, nodes: NDArray[np.float32]) -> int:
-    """Write the nodes of a tree to a section, shape (s,), from `begin` on; return the node behind them.
+    """Write the nodes of a tree to a section, shape (s,), from `begin` on; return the index after them.
 
-    The branches of a node follow it, those of the first half of its objects first.
+    The branches of a node follow it, the branch of the first half of its objects first.
     """
     count = end - first
     depth = _depth(count)
@@ -191,7 +192,7 @@ def _write_nodes(sets: ObjectSets, first: int, end: int, begin: int, nodes: NDAr
         low, high = first + ((leaf * count) >> depth), first + (((leaf + 1) * count) >> depth)
         node = 0
         for level in range(depth + 1):
-            within = (2 << (depth - level)) - 1  # nodes of the branch that begins here
+            within = (2 << (depth - level)) - 1  # number of nodes of the branch that starts here
             for k in range(low, high):
                 o = sets.order[k]
                 for i in range(3):
@@ -211,7 +212,7 @@ def _write_nodes(sets: ObjectSets, first: int, end: int, begin: int, nodes: NDAr
 
 @compiled
 def _write_boxes(sets: ObjectSets, boxes: NDArray[np.float32]) -> None:
-    """Write the corners of boxes to a section, shape (s,), eight after eight, by coordinates [m]."""
+    """Write the corners of the objects' boxes to a section, shape (s,), in blocks of eight [m]."""
     count = sets.order.size
     for k in range(boxes.size // 6):
         place = 6 * LANES * (k // LANES) + k % LANES
@@ -225,12 +226,12 @@ def _write_boxes(sets: ObjectSets, boxes: NDArray[np.float32]) -> None:
 
 @compiled("void(ObjectSets, int64, float64[::1])")
 def write_scene(sets: ObjectSets, tree_count: int, block: Floats1) -> None:
-    """Write trees and objects into the block of a scene; hulls and clouds are left to the caller.
+    """Write trees and objects into a scene's block; the caller writes hulls and clouds.
 
     Args:
         sets: The objects, sorted.
-        tree_count: What `sort_objects` has returned.
-        block: A block whose sections have their sizes, all zeros, shape (s,).
+        tree_count: Number of trees that `sort_objects` returned.
+        block: Output: a block of zeros whose sections have their sizes, shape (s,).
     """
     nodes, roots, listed = section_single(block, at.NODES), at.address_of(block, at.ROOTS), 0
     lists, items = section_bits(block, at.ROOT_LISTS), section_single(block, at.OBJECTS)
@@ -268,16 +269,19 @@ def write_scene(sets: ObjectSets, tree_count: int, block: Floats1) -> None:
 
 @compiled("float64(float64[:, ::1], float64[:, ::1], int64[:, ::1], float64[::1])")
 def write_gaps(ours: Floats2, rows: Floats2, pairs: Ints2, gaps: Floats1) -> float:
-    """Write a lower bound of the distance of pairs: of a ball around the one from the other [m].
+    """Write a lower bound of the distance of each pair of a robot's solid and an object [m].
+
+    The bound is the distance of the solid's bounding sphere from the box around the object's core, less
+    radii.
 
     Args:
-        ours: Numbers of the robot's solids, see `scene_rows`, shape (a, ROW) [m].
-        rows: Those of the objects, shape (k, ROW).
-        pairs: Places in both, shape (m, 2).
-        gaps: Receives the bounds, shape (m,).
+        ours: Rows of the robot's solids, see `scene_rows`, shape (a, ROW) [m].
+        rows: Rows of the objects, shape (k, ROW).
+        pairs: Index of the solid and of the object, shape (m, 2).
+        gaps: Output, shape (m,) [m].
 
     Returns:
-        The least of them, infinity without any.
+        The minimum bound [m], infinite if there is no pair.
     """
     least = math.inf
     for k in range(pairs.shape[0]):

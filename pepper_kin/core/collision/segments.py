@@ -1,4 +1,4 @@
-"""Distances of cores, compiled: segments and boxes in closed form."""
+"""Distances of segments and boxes in closed form, compiled."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pepper_kin.arrays import Array
 from pepper_kin.kernels.compiled_function import compiled
 
 PARALLEL = 1e-9
-"""Below this sine^2 two segments count as parallel."""
+"""Squared sine of the angle below which two segments count as parallel."""
 
 
 @compiled(inline=True)
@@ -19,17 +19,17 @@ def clamp(x: float, h: float) -> float:
 
 @compiled
 def nearest_on_segments(a: Array, ha: float, b: Array, hb: float) -> tuple[float, float]:
-    """Return where two segments are nearest, along their axes from their centers [m].
+    """Return the positions of two segments' nearest points, along their axes from their centers [m].
 
     With r = c_a - c_b and axes u_a, u_b, the nearest points of the lines are at
     s = ((u_a . u_b) (u_b . r) - u_a . r) / (1 - (u_a . u_b)^2) and t = (u_a . u_b) s + u_b . r; clamped to
     the segments one after the other (Ericson, Real-Time Collision Detection, 5.1.9).
 
     Args:
-        a: Pose: center [m], x, y and z axis, shape (12,); the segment lies along z.
-        ha: Its half length [m].
-        b: Pose of the other, in the same frame, shape (12,).
-        hb: Its half length [m].
+        a: Pose of the first segment: center [m], x, y and z axis, shape (12,); it lies along z.
+        ha: Half length of the first segment [m].
+        b: Pose of the second segment, in the same frame, shape (12,).
+        hb: Half length of the second segment [m].
     """
     x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
     cosine = a[9] * b[9] + a[10] * b[10] + a[11] * b[11]
@@ -56,21 +56,21 @@ def segment_to_segment(a: Array, ha: float, b: Array, hb: float) -> float:
 
 @compiled(inline=True)
 def _beyond(x: float, h: float) -> float:
-    """Return how far x lies outside [-h, h], with its sign."""
+    """Return the signed distance by which x lies outside [-h, h], 0 inside."""
     return x - clamp(x, h)
 
 
 @compiled
 def nearest_to_box(a: Array, ha: float, b: Array, half: Array) -> tuple[float, float]:
-    """Return where a segment is nearest to a solid box, along its axis from its center, and the distance [m].
+    """Return a segment's point nearest to a solid box, along its axis from its center, and the distance [m].
 
     The squared distance of the point p + t d to the box is convex in t; its derivative is piecewise linear
-    and rises, with corners where a coordinate passes a face.  Bisection over the corners leaves one straight
-    part, whose zero is the answer.
+    and increasing, with corners where a coordinate passes a face.  Bisection over the corners leaves one
+    linear part, whose zero is the solution.
 
     Args:
         a: Pose of the segment: center [m], x, y and z axis, shape (12,); it lies along z.
-        ha: Its half length [m].
+        ha: Half length of the segment [m].
         b: Pose of the box, in the same frame, shape (12,).
         half: Half lengths of the box, shape (3,) [m].
     """
@@ -128,5 +128,5 @@ def nearest_to_box(a: Array, ha: float, b: Array, half: Array) -> tuple[float, f
 
 @compiled
 def segment_to_box(a: Array, ha: float, b: Array, half: Array) -> float:
-    """Return the distance of a segment to a solid box [m], or 0; shapes as in `nearest_to_box`."""
+    """Return the distance of a segment to a solid box [m], 0 inside; shapes as in `nearest_to_box`."""
     return nearest_to_box(a, ha, b, half)[1]

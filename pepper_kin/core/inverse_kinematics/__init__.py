@@ -1,1 +1,1 @@
-"""Inverse kinematics in machine code: box-constrained steps, descents, multi-start search."""
+"""Inverse kinematics in machine code: box-constrained steps, local descents, multi-start search."""

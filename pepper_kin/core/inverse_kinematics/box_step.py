@@ -1,4 +1,4 @@
-"""Quadratic programs with bounds, solved exactly by changing the set of active bounds."""
+"""Quadratic programs with bounds, solved exactly by an active-set method."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2, Ints1
 
 CHANCES = 3
-"""Rounds in which all wrong bounds change at once although they have not become fewer; after them one changes
-at a time."""
+"""Number of rounds without fewer wrong bounds in which all wrong bounds change at once; after them one bound
+changes at a time."""
 MOST_ROUNDS = 300
 
 FREE, LOW, HIGH = 0, 1, 2
-"""State of a joint: within its bounds, or at one of them."""
+"""States of a joint: within its bounds, or at the lower or upper bound."""
 
 
 @compiled(lean=True, inline=True)
@@ -29,19 +29,19 @@ def solve_box(
 ) -> bool:
     """Find the minimum of g^T x + x^T H x / 2 within low <= x <= high.
 
-    Starts with the bounds that `state` marks; joints beyond a bound are put on it, those whose multiplier has
-    the wrong sign leave it, until none is wrong (block principal pivoting: Judice and Pires, 1994; one at a
-    time after some rounds: Murty, 1974).
+    The method starts with the bounds that `state` marks; joints beyond a bound are put on it, joints whose
+    multiplier has the wrong sign leave it, until none is wrong (block principal pivoting: Judice and Pires,
+    1994; one at a time after some rounds: Murty, 1974).
 
     Args:
         matrix: H, symmetric and positive definite, shape (k, k); its upper triangle is read.
         gradient: g, shape (k,).
         low: Lower bounds, shape (k,).
         high: Upper bounds, shape (k,).
-        step: x, written, shape (k,) [rad or m].
+        step: x, output, shape (k,) [rad or m].
         state: FREE, LOW or HIGH for each joint, read and written, shape (k,).
         factor: Workspace, shape (k, k + 1).
-        once: Whether the joints stay as they are marked: those beyond a bound are left there.
+        once: Whether to solve once with the given states: joints beyond a bound are left there.
 
     Returns:
         Whether the matrix was positive definite and a solution was found.
@@ -63,8 +63,8 @@ def solve_box(
             fewest, chances = wrong, CHANCES
         else:
             chances -= 1
-        # All at once is quick but may cycle; the last one only cannot.  The verdicts depend on the
-        # step, not on the state of other joints, so they may change one after the other.
+        # Changing all at once is quick but may cycle; changing only the last one cannot.  The new states
+        # depend on the step, not on the state of other joints, so they may change one after the other.
         for i in range(k if chances >= 0 else 0):
             state[i] = _change(matrix, gradient, low, high, step, state, i)
         if chances < 0:
@@ -78,7 +78,7 @@ def solve_box(
 def _change(
     matrix: Floats2, gradient: Floats1, low: Floats1, high: Floats1, step: Floats1, state: Ints1, i: int
 ) -> int:
-    """Return the state that joint i should have after the step; arguments and shapes as of `solve_box`."""
+    """Return the state that joint i should have after the step; arguments and shapes as in `solve_box`."""
     if state[i] == FREE:
         return LOW if step[i] < low[i] - 1e-12 else HIGH if step[i] > high[i] + 1e-12 else FREE
     if high[i] - low[i] <= 1e-14:
@@ -102,11 +102,11 @@ def solve_free(
     state: Ints1,
     factor: Floats2,
 ) -> bool:
-    """Solve for the free joints by Cholesky's factorization, with the others at their bounds.
+    """Solve for the free joints by Cholesky factorization, with the others at their bounds.
 
-    The free joints' rows are one after the other in `factor`, the right side in its last column.  The
-    factor grows column by column: the numbers of one column are independent.  Arguments, shapes and result
-    as of `solve_box`.
+    The free joints' rows are contiguous in `factor`, the right-hand side in its last column.  The factor is
+    computed column by column, whose entries are independent.  Arguments, shapes and result are those of
+    `solve_box`.
     """
     k, count = gradient.size, 0
     for i in range(k):

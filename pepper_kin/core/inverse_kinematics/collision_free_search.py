@@ -1,4 +1,4 @@
-"""Second stage of a search: the nearest solution touches something, or the targets are out of reach."""
+"""Second stage of a search, when the nearest solution collides or the targets are out of reach."""
 
 from __future__ import annotations
 
@@ -54,50 +54,51 @@ from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2
 
 FIRM_CLEARING = 10.0, 100.0
-"""Weights of shortages of distance, one after the other, where tasks cannot be met clear of collisions, and
-must not pull anything into contact."""
+"""Weights of clearance shortfalls, tried in order, where the tasks cannot be met without collisions and must
+not pull anything into contact."""
 
 FEW_STARTS, STARTS, WIDE_STARTS = 3, 12, 32
-"""Starts of rounds with the joints of the tasks, before and after a descent with all joints, and of each
-round with all joints; the starts of a round lie ever farther from q0."""
+"""Numbers of starts: of rounds with the joints of the tasks, before and after a descent with all joints, and
+of each round with all joints; the starts of a round lie ever farther from q0."""
 
 ALONG_STEPS, ALONG_TURNS = 12, 2
-"""Steps along distances that are taken for linear in q, and how often these are measured anew: each time
+"""Maximum number of steps with linearized distances, and of measurements of the distances, each of which
 costs as much as some steps."""
 
 WIDE_ROUNDS = 12
-"""Rounds with all joints at most."""
+"""Maximum number of rounds with all joints."""
 
 STARTS_FOR_TORQUE, STRAIGHTENED = 4, (1.0, 1.5)
-"""Starts that are spent on a solution that the motors cannot hold; the first are that solution with the
-joints that carry much put back to where q0 has them, or beyond."""
+"""Number of starts spent on a solution that the motors cannot hold, and how far the first starts move its
+heavily loaded joints back towards q0, as a ratio: all the way, or beyond."""
 
 CLOSEST_STARTS = 24
-"""Starts for the closest configuration that touches nothing, if the search has so many."""
+"""Maximum number of starts of the search for the closest collision-free configuration."""
 
 SHIFTS, VAIN_SHIFTS = 96, 32
-"""Shifts of the closest configuration so far, from each of which a descent searches for a closer one: at most
-so many, and at most so many without a gain (iterated local search: Lourenco, Martin and Stutzle, 2003)."""
+"""Maximum number of random shifts of the closest configuration so far, each followed by a descent, and of
+successive shifts without a gain (iterated local search: Lourenco, Martin and Stutzle, 2003)."""
 
 GAINED = 1e-3
-"""A smaller gain, as a part of the cost, is none: half of it as a part of the weighted distance."""
+"""Minimum gain relative to the cost that counts: half of it relative to the weighted distance."""
 
 STEPS_CLEAR = 12
-"""Steps that move clear what is not to be the closest configuration."""
+"""Maximum number of steps that move a configuration clear when the closest one is not required."""
 
 STARTS_WITHOUT_LIMITS, STEPS_WITHOUT_LIMITS = 3, 60
-"""Starts and steps for the question whether the joints without limits would reach the target."""
+"""Maximum number of further starts, and of steps from each, to test whether the target is in reach without
+joint limits."""
 
 FREE, MET, HELD, NEARNESS = range(4)
-"""Places in a judgment; of two configurations the better is larger in the first of these in which they
+"""Indices in a judgment; the better of two configurations is greater in the first entry in which they
 differ."""
 
 
 @compiled
 def _judge(search: MultiStartSearch, workspace: Workspace, judgment: Floats1) -> None:
-    """Judge `inputs`: whether it is free, meets the tasks, can be held, and how near it is.
+    """Judge `inputs`: whether it is collision-free, meets the tasks, can be held, and how near it is.
 
-    It is near to q0 where the tasks are met, else to the target.  The judgment, shape (4,), is written.
+    NEARNESS refers to q0 if the tasks are met, else to the target.  The judgment is output, shape (4,).
     """
     met, cost = is_met(search.problem, workspace), workspace.result[search.problem.tolerance.size]
     free = is_free(search.tests, workspace.inputs)
@@ -109,7 +110,7 @@ def _judge(search: MultiStartSearch, workspace: Workspace, judgment: Floats1) ->
 
 @compiled(lean=True)
 def _is_better(judgment: Floats1, best: Floats1) -> bool:
-    """Whether a judgment is better than another, both of shape (4,)."""
+    """Return whether a judgment is better than another, both of shape (4,)."""
     for i in range(judgment.size):
         if judgment[i] != best[i]:
             return judgment[i] > best[i]
@@ -118,7 +119,7 @@ def _is_better(judgment: Floats1, best: Floats1) -> bool:
 
 @compiled
 def _take_better(search: MultiStartSearch, workspace: Workspace, best: Floats1, answer: Floats1) -> None:
-    """Keep `inputs` as the answer if it is the best so far; its judgment, shape (4,), is kept in `best`."""
+    """Keep `inputs` as the answer if it is the best so far, and its judgment, shape (4,), in `best`."""
     judgment = np.empty(4)
     _judge(search, workspace, judgment)
     if _is_better(judgment, best):
@@ -128,7 +129,7 @@ def _take_better(search: MultiStartSearch, workspace: Workspace, best: Floats1, 
 
 @compiled
 def _descend_clear(search: MultiStartSearch, workspace: Workspace, best: Floats1, answer: Floats1) -> None:
-    """Descend from `inputs` to where the tasks are met and nothing touches; shapes as in `_search_round`."""
+    """Descend from `inputs`, measuring distances in each step; shapes as in `_search_round`."""
     problem, options = search.problem, search.options
     answer[problem.reference.size + problem.tolerance.size + ITERATIONS] += descend(
         problem, search.tests, workspace, options.max_iterations, SEARCH_GAIN, 0, CLEARING, False
@@ -138,10 +139,10 @@ def _descend_clear(search: MultiStartSearch, workspace: Workspace, best: Floats1
 
 @compiled
 def _move_along(search: MultiStartSearch, workspace: Workspace, best: Floats1, answer: Floats1) -> None:
-    """Move `inputs`, which meets the tasks, clear; shapes as in `_search_round`.
+    """Move `inputs`, which meets the tasks, clear of collisions; shapes as in `_search_round`.
 
-    The distances of what is near are measured once for some steps, and taken for linear in q: most solutions
-    are clear after a shift for which that is near enough.
+    Distances to nearby bodies are measured once for several steps and linearized in q: most solutions are
+    clear after a shift that is small enough for this.
     """
     problem, tests = search.problem, search.tests
     for _ in range(ALONG_TURNS):
@@ -157,10 +158,10 @@ def _move_along(search: MultiStartSearch, workspace: Workspace, best: Floats1, a
 
 @compiled
 def _descend_and_move(search: MultiStartSearch, workspace: Workspace, best: Floats1, answer: Floats1) -> None:
-    """Descend from `inputs` with collisions left out, and move clear what meets the tasks.
+    """Descend from `inputs` without regard to collisions, then move a solution clear of collisions.
 
-    In a third of the time of `_descend_clear`, which succeeds a little more often.  Shapes as in
-    `_search_round`.
+    This takes a third of the time of `_descend_clear`, which succeeds slightly more often.  Shapes are those
+    of `_search_round`.
     """
     problem, steps = search.problem, search.options.max_iterations
     answer[problem.reference.size + problem.tolerance.size + ITERATIONS] += descend(
@@ -174,9 +175,9 @@ def _descend_and_move(search: MultiStartSearch, workspace: Workspace, best: Floa
 def _clear_start(
     search: MultiStartSearch, workspace: Workspace, exact: bool, best: Floats1, answer: Floats1
 ) -> None:
-    """Move `search.start`, which meets the tasks, clear; shapes as in `_search_round`.
+    """Move `search.start`, which meets the tasks, clear of collisions; shapes as in `_search_round`.
 
-    With `exact`, what is near is measured in each step where that fails: no further starts follow at once.
+    With `exact`, a second attempt measures the distances in each step.
     """
     n = search.start.size
     workspace.inputs[:n] = search.start
@@ -189,7 +190,7 @@ def _clear_start(
 
 @compiled
 def _is_solved(best: Floats1) -> bool:
-    """Whether a judgment, shape (4,), is that of a configuration that is free and meets the tasks."""
+    """Return whether a judgment, shape (4,), is of a collision-free configuration that meets the tasks."""
     return best[FREE] > 0 and best[MET] > 0
 
 
@@ -203,18 +204,18 @@ def _search_round(
     best: Floats1,
     answer: Floats1,
 ) -> None:
-    """Descend from so many starts ever farther from q0, until one ends well.
+    """Descend from `count` starts ever farther from q0, until one solves the problem.
 
-    Where that one exceeds the motors' limits, a few more starts search for another.
+    If its solution exceeds the motors' limits, a few more starts search for another.
 
     Args:
         search: The search.
-        workspace: Its workspace.
+        workspace: Workspace of the search.
         count: Number of starts.
-        number: Of the first of them among the points of the unit cube.
-        wide: Whether it is the last resort: every other descent then measures what is near in each step.
-        best: Judgment of the answer, shape (4,), overwritten.
-        answer: The best configuration so far, shape (n + t + EXTRA,), overwritten.
+        number: Index of the first start among the points of the unit cube.
+        wide: Whether every other descent measures the distances in each step, as a last resort.
+        best: Judgment of the answer, shape (4,), changed.
+        answer: The best configuration so far, shape (n + t + EXTRA,), changed.
     """
     problem, tried = search.problem, 0
     for i in range(count + STARTS_FOR_TORQUE):
@@ -239,10 +240,10 @@ def _search_round(
 def _search_closest(
     search: MultiStartSearch, workspace: Workspace, number: int, best: Floats1, answer: Floats1
 ) -> None:
-    """Search for the configuration clear of collisions that comes closest to the targets, q0 if none better.
+    """Search for the collision-free configuration that comes closest to the targets, q0 if none is better.
 
-    First from starts of many kinds, then from the best so far with its joints shifted, as long as that leads
-    closer.  Arguments and shapes as of `_search_round`.
+    The search uses starts of several kinds, then the best configuration so far with its joints shifted, as
+    long as shifts lead closer.  Arguments and shapes are those of `_search_round`.
     """
     problem, n, restarts = search.problem, search.problem.reference.size, search.options.restarts
     workspace.inputs[:n] = problem.reference
@@ -273,7 +274,7 @@ def _search_closest(
 
 @compiled
 def _move_clear(search: MultiStartSearch, workspace: Workspace, best: Floats1, answer: Floats1) -> None:
-    """Move what was found clear of collisions, or back to q0.  Arguments and shapes as of `_search_round`."""
+    """Move `search.start` clear of collisions, or go back to q0; arguments and shapes: `_search_round`."""
     problem, n = search.problem, search.problem.reference.size
     workspace.inputs[:n] = problem.reference
     evaluate(problem, workspace.inputs, workspace.result)
@@ -287,9 +288,9 @@ def _move_clear(search: MultiStartSearch, workspace: Workspace, best: Floats1, a
 
 @compiled
 def _descend_firmly(search: MultiStartSearch, workspace: Workspace, best: Floats1, answer: Floats1) -> bool:
-    """Descend from `inputs`, with more weight on the distances where that ends in contact.
+    """Descend from `inputs`, with an increased weight of distances if it ends in contact.
 
-    Returns whether the search goes on.  Arguments and shapes as of `_search_round`.
+    Returns whether the search may continue.  Arguments and shapes are those of `_search_round`.
     """
     problem, n, t = search.problem, search.problem.reference.size, search.problem.tolerance.size
     answer[n + t + RESTARTS] += 1
@@ -309,17 +310,17 @@ def _descend_firmly(search: MultiStartSearch, workspace: Workspace, best: Floats
 def search_among_obstacles(
     search: MultiStartSearch, workspace: Workspace, bounds: Floats2, met: bool, answer: Floats1
 ) -> int:
-    """Continue the search where the configuration that was found touches something; return the status.
+    """Continue the search after a colliding or unreachable result; return the status.
 
-    First with the joints on which the tasks depend, then with all that may move: they may be in the way.  A
-    search that is not thorough is one descent.
+    The joints on which the tasks depend move first, then all joints that may move, as others may be in the
+    way.  A search that is not thorough is one descent.
 
     Args:
         search: The search; `start` is overwritten.
-        workspace: Its workspace.
-        bounds: See `solve_rows`, shape (3, n).
-        met: Whether the configuration that was found meets the tasks.
-        answer: That configuration, see `solve_rows`, shape (n + t + EXTRA,); overwritten.
+        workspace: Workspace of the search.
+        bounds: Bounds of the joints, see `solve_rows`, shape (3, n).
+        met: Whether the given configuration meets the tasks.
+        answer: The given configuration, see `solve_rows`, shape (n + t + EXTRA,); overwritten.
     """
     tables, options, n, best = search.tables, search.options, search.start.size, np.full(4, -math.inf)
     number, few = CANDIDATES * options.restarts, options.restarts < WIDE_STARTS
@@ -364,11 +365,11 @@ def search_among_obstacles(
 def _is_met_without_limits(
     search: MultiStartSearch, workspace: Workspace, moves: Floats1, answer: Floats1
 ) -> bool:
-    """Whether the same joints meet the tasks once their limits are taken away.
+    """Return whether the same joints meet the tasks without their limits.
 
     Args:
         search: The search with limits.
-        workspace: Its workspace, overwritten.
+        workspace: Workspace of the search, overwritten.
         moves: Whether each joint of `tables.joints` moves (0 or 1), shape (n,).
         answer: The best configuration so far, see `solve_rows`, shape (n + t + EXTRA,).
     """
@@ -414,7 +415,7 @@ def finish_rows(
     begin: int,
     end: int,
 ) -> None:
-    """Go on with the rows that `solve_rows` has left touching something or out of reach.
+    """Continue with the rows that `solve_rows` left in collision or out of reach.
 
     The arguments are those of `solve_rows`, which has written `answers`.
     """
@@ -454,16 +455,16 @@ def descend_row(
     reference: Floats1,
     clear: bool,
 ) -> int:
-    """Descend from the start in a row of input, which becomes the result; returns the steps proposed.
+    """Descend from the start in a row of input, which becomes the result; return the number of steps.
 
     Args:
         tables: The robot and tasks.
-        bounds: See `solve_rows`, shape (3, n).
-        options: Its tolerances and number of steps count.
-        tests: Of collisions.
+        bounds: Bounds of the joints, see `solve_rows`, shape (3, n).
+        options: Options, of which tolerances and number of steps are used.
+        tests: Collision tests.
         inputs: A row of input, see `Workspace.inputs`, shape (n + t + ...,).
         reference: q_ref of the posture term, and positions of the joints that may not move, shape (n,).
-        clear: Whether to keep clear of collisions; then joints move that no task depends on, too.
+        clear: Whether to avoid collisions; then joints that no task depends on move, too.
     """
     n, work = tables.effort.size, np.empty(tables.work_size)
     problem = make_problem(tables, options, n if clear else tables.task_joints, work, reference)

@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt descents to the nearest minimum, within joint limits and clear of collisions."""
+"""Levenberg-Marquardt descents to the nearest minimum, within joint limits and without collisions."""
 
 from __future__ import annotations
 
@@ -22,31 +22,31 @@ RAISE = 4.0
 LOWER = 5.0
 
 STEP_BOUND = 0.6
-"""Largest change of one joint in one step [rad or m]: beyond it the linear model is inaccurate."""
+"""Maximum change of one joint in one step [rad or m]: beyond it the linear model is inaccurate."""
 
 SMALL_STEP, SMALL_GAIN = 1e-6, 1e-7
-"""A minimum is reached when a step, or what it gains relative to the cost, is smaller than this."""
+"""Size of a step [rad or m], and gain relative to the cost, below which a minimum counts as reached."""
 
 CLOSE = 0.1
-"""Steps go on until every error is this fraction of its tolerance."""
+"""Fraction of its tolerance at which every error is small enough to end a descent."""
 
 POSTURE_WEIGHT = 1e-4
-"""Weight of |q - q_ref|: it only decides where the tasks leave freedom, and costs no step near the goal."""
+"""Weight of |q - q_ref|: it only decides where the tasks leave freedom, and is negligible near the goal."""
 
 CAUTION, CAUTIOUS_STEPS = 0.4, 10
-"""In its first steps a descent goes only this part of the way to a bound: it so avoids many a local minimum
-on the bounds."""
+"""Fraction of the way to a bound that a step may go, in this number of first steps: it avoids many local
+minima on the bounds."""
 
 REFLECTION, REFLECTIONS = 0.3, 2
-"""A descent that ends in a local minimum is started again beyond the middle of the joint ranges, by this much
-of the distance to the middle.  Such minima lie on the bounds, and what they hide lies in the other half of
-the range: nine in ten descents from there succeed."""
+"""Ratio of the distance to the middle of a joint range by which a reflected start lies beyond the middle, and
+number of reflections after a descent that ends in a local minimum.  Such minima lie on the bounds, and the
+solutions that they hide lie in the other half of the range: nine in ten descents from there succeed."""
 
 MOST_NEAR = 32
-"""Pairs of bodies that a step considers at most."""
+"""Maximum number of pairs of bodies that a step considers."""
 
 TIMED_OUT = 2
-"""Written to `Workspace.stop` when the deadline has passed."""
+"""Value of `Workspace.stop` when the deadline has passed."""
 
 
 class SolverProblem(NamedTuple):
@@ -57,18 +57,18 @@ class SolverProblem(NamedTuple):
             squared errors of the t tasks, the cost, its gradient by the first k joints, and the upper
             triangle of the Gauss-Newton matrix, row by row; see
             `pepper_kin.ik.fast.expression.task_function`.
-        work: The kernel's workspace, shape (work_size,).
-        task_joints: k.
-        joints: Places in q of the joints that move, shape (m,), m >= k; the kernel depends on the first k.
-        low: Their lower bounds [rad or m], shape (m,).
-        high: Their upper bounds [rad or m], shape (m,).
+        work: Workspace of the kernel, shape (work_size,).
+        task_joints: k, number of joints on which the kernel depends.
+        joints: Indices in q of the joints that move, shape (m,), m >= k; the kernel depends on the first k.
+        low: Lower bounds of the moving joints [rad or m], shape (m,).
+        high: Upper bounds of the moving joints [rad or m], shape (m,).
         scale: d_i^2, the weights of the damping lambda |diag(d) dq|^2, shape (m,).
         reference: q_ref, shape (n,) [rad or m].
         tolerance: Squared tolerances of the tasks, shape (t,).
         stop_when_met: Whether a descent ends once all tasks are well met.
         clock: Address of `clock_gettime`.
-        deadline: When to stop [s], infinite for never.
-        signals: See `pepper_kin.kernels.interrupts`, shape (8,); the kernel may set the word STOPPED too.
+        deadline: Time at which to stop [s], infinite for never.
+        signals: See `pepper_kin.kernels.interrupts`, shape (8,); the kernel may also set the word STOPPED.
     """
 
     kernel: int
@@ -90,14 +90,14 @@ class CollisionTests(NamedTuple):
     """Addresses of collision tests, each `int64 f(int64, int64, int64, int64)`; 0 for none.
 
     Attributes:
-        verdict: Of `pepper_kin.core.inverse_kinematics.verdict`.
-        memory: Address of its block.
-        size: Doubles in the block.
-        is_free: (q, 0, 0, 0) -> whether nothing touches; called where `verdict` is 0 or returns TIE; where it
-            is 0 itself, ties count as contacts.
-        near: Of `near_rows` of `pepper_kin.core.inverse_kinematics.proximity`; 0 where collisions are not
-            considered.
-        near_memory: Address of its block.
+        verdict: Address of `pepper_kin.core.inverse_kinematics.verdict`.
+        memory: Address of the block of `verdict`.
+        size: Number of doubles of that block.
+        is_free: (q, 0, 0, 0) -> whether q is collision-free; called if `verdict` is 0 or returns TIE; if
+            `is_free` is 0 itself, ties count as contacts.
+        near: Address of `near_rows` of `pepper_kin.core.inverse_kinematics.proximity`; 0 if collisions are
+            not considered.
+        near_memory: Address of the block of `near`.
     """
 
     verdict: int
@@ -113,24 +113,24 @@ class Workspace(NamedTuple):
 
     Attributes:
         inputs: The kernel's input at q: q [rad or m], squared weights and targets, shape (n + t + ...,).
-        trial: The same at the configuration to try, shape (n + t + ...,).
+        trial: The kernel's input at the trial configuration, shape (n + t + ...,).
         result: The kernel's output at q, see `SolverProblem`, shape (t + 1 + k + k (k + 1) / 2,).
-        other: The same at the configuration to try, of the same shape.
+        other: The kernel's output at the trial configuration, of the same shape.
         matrix: Matrix of the step's quadratic program, shape (m, m).
-        factor: Its factor, see `solve_box`, shape (m, m + 1).
-        gradient: Gradient of that program, shape (m,).
-        step: Its solution [rad or m], shape (m,).
+        factor: Factor of `matrix`, see `solve_box`, shape (m, m + 1).
+        gradient: Gradient of the quadratic program, shape (m,).
+        step: Solution of the quadratic program [rad or m], shape (m,).
         least: Lower bounds of the step [rad or m], shape (m,).
         most: Upper bounds of the step [rad or m], shape (m,).
         state: Active bounds, shape (m,).
-        near: What is near at q, see `near_rows`, shape (MOST_NEAR, n + 2); empty where collisions are not
+        near: Nearby pairs at q, see `near_rows`, shape (MOST_NEAR, n + 2); empty if collisions are not
             considered.
-        near_trial: The same at the configuration to try, of the same shape.
-        near_count: Rows of both that are written, shape (2,).
-        shortages: Of `near` at the configuration to try, where they are taken for linear, shape (MOST_NEAR,).
-        clock: For `seconds_now`, shape (2,).
-        watch: When signals are checked next [s], shape (1,).
-        stop: 1 or TIMED_OUT where the search has to end, shape (1,).
+        near_trial: Nearby pairs at the trial configuration, of the same shape.
+        near_count: Number of rows written in `near` and `near_trial`, shape (2,).
+        shortages: Linearized shortfalls of `near` at the trial configuration, shape (MOST_NEAR,).
+        clock: Workspace of `seconds_now`, shape (2,).
+        watch: Time at which signals are checked next [s], shape (1,).
+        stop: 1 or TIMED_OUT if the search has to end, else 0, shape (1,).
     """
 
     inputs: Floats1
@@ -182,7 +182,7 @@ def make_workspace(row: Floats1, problem: SolverProblem, tests: CollisionTests) 
 
 @compiled(lean=True)
 def is_over(problem: SolverProblem, workspace: Workspace) -> bool:
-    """Whether the search has to end: time has run out, a signal has come, or the kernel has set STOPPED."""
+    """Return whether the search has to end: deadline passed, signal received, or kernel has set STOPPED."""
     if problem.signals[STOPPED] != 0:
         workspace.stop[0] = 1
         return True
@@ -202,7 +202,7 @@ def is_over(problem: SolverProblem, workspace: Workspace) -> bool:
 
 @compiled(lean=True)
 def is_free(tests: CollisionTests, q: Floats1) -> bool:
-    """Whether nothing touches at q, shape (n,) or longer; true where collisions are not considered."""
+    """Return whether q, shape (>= n,), is collision-free; True if collisions are not considered."""
     if tests.near == 0:
         return True
     place = q.ctypes.data
@@ -215,7 +215,7 @@ def is_free(tests: CollisionTests, q: Floats1) -> bool:
 
 @compiled(lean=True, inline=True)
 def fraction_of_tolerance(result: Floats1, tolerance: Floats1) -> float:
-    """Return the largest of error^2 / tolerance^2, from arrays of the shapes (>= t,) and (t,)."""
+    """Return the maximum error^2 / tolerance^2, from arrays of the shapes (>= t,) and (t,)."""
     worst = 0.0
     for i in range(tolerance.size):
         worst = max(worst, result[i] / tolerance[i])
@@ -224,7 +224,7 @@ def fraction_of_tolerance(result: Floats1, tolerance: Floats1) -> float:
 
 @compiled(lean=True, inline=True)
 def evaluate(problem: SolverProblem, inputs: Floats1, result: Floats1) -> None:
-    """Call the kernel; inputs and result, and their shapes, as of `Workspace`."""
+    """Call the kernel; `inputs` and `result`, and their shapes, are those of `Workspace`."""
     call_kernel(problem.kernel, inputs.ctypes.data, result.ctypes.data, problem.work.ctypes.data)
 
 
@@ -239,23 +239,23 @@ def descend(
     clearing: float,
     frozen: bool,
 ) -> int:
-    """Search from a start by Levenberg-Marquardt steps within the bounds; return how many were proposed.
+    """Minimize the cost by Levenberg-Marquardt steps within the bounds; return the number of steps.
 
-    A step is taken only if it lowers the cost; otherwise the damping grows and the next step is shorter.
-    With `clearing`, c, the cost has a term c^2 s_k^2 / 2 for each pair of bodies that is nearer than it shall
-    be, by s_k; such a descent ends as soon as the tasks are well met and nothing seems to touch.
+    A step is accepted only if it lowers the cost; otherwise the damping grows and the next step is shorter.
+    With `clearing`, c, the cost has a term c^2 s_k^2 / 2 for each pair of bodies that is nearer than its
+    required distance, by s_k; such a descent ends as soon as the tasks are well met and no pair touches.
 
     Args:
         problem: The problem.
-        tests: Used where the descent has to clear contacts.
+        tests: Collision tests, used with `clearing`.
         workspace: `inputs` holds the start, and afterwards the result; `result` the kernel's output there.
-        max_iterations: Number of steps proposed at most.
-        small_gain: A step that gains less than this part of the cost is the last; where it is more than
-            SMALL_GAIN, the minimum is not looked for to its very end.
-        cautious_steps: How many steps keep away from the bounds.
-        clearing: Weight of the shortages of distance; 0 to leave collisions out.
-        frozen: Whether the pairs that are near and their slopes are not looked for again in each step: they
-            are those of `workspace.near`, whose shortages are at the start.
+        max_iterations: Maximum number of steps, accepted or not.
+        small_gain: Gain relative to the cost below which a step is the last; with more than SMALL_GAIN, the
+            minimum is found less accurately.
+        cautious_steps: Number of first steps that keep away from the bounds.
+        clearing: Weight of the shortfalls of distance; 0 to ignore collisions.
+        frozen: Whether nearby pairs and their gradients are those of `workspace.near` in all steps, with the
+            shortfalls that they have at the start, instead of being measured in each step.
     """
     inputs, trial, result, other = workspace.inputs, workspace.trial, workspace.result, workspace.other
     index, t, to_the_end = problem.joints, problem.tolerance.size, small_gain <= SMALL_GAIN
@@ -315,14 +315,14 @@ def descend(
 
 @compiled(lean=True, inline=True)
 def _copy(source: Floats1, target: Floats1, count: int) -> None:
-    """Copy the first numbers of an array, shape (>= count,), to another."""
+    """Copy the first `count` numbers of an array, shape (>= count,), to another."""
     for i in range(count):
         target[i] = source[i]
 
 
 @compiled(lean=True, inline=True)
 def _distance(index: Ints1, a: Floats1, b: Floats1) -> float:
-    """Return the largest change of one joint [rad or m]; they are at `index`, shape (m,), in a and b."""
+    """Return the maximum change of a joint from b to a [rad or m]; joints: `index`, shape (m,)."""
     size = 0.0
     for i in range(index.size):
         size = max(size, abs(a[index[i]] - b[index[i]]))
@@ -331,9 +331,9 @@ def _distance(index: Ints1, a: Floats1, b: Floats1) -> float:
 
 @compiled(lean=True)
 def reflect(problem: SolverProblem, inputs: Floats1) -> None:
-    """Put each joint from q to c - REFLECTION (q - c), c the middle of its range; see `REFLECTION`.
+    """Move each joint from q to c - REFLECTION (q - c), with c the middle of its range; see `REFLECTION`.
 
-    q begins `inputs`, see `Workspace`, shape (n + t + ...,).  A joint without bounds stays where it is.
+    q is at the start of `inputs`, see `Workspace`, shape (n + t + ...,).  A joint without bounds stays.
     """
     for i in range(problem.joints.size):
         middle = 0.5 * (problem.low[i] + problem.high[i])
@@ -347,7 +347,7 @@ def _linearize(
 ) -> None:
     """Write the step's quadratic program: H + lambda diag(d)^2 + eps^2, g, and the bounds of the step.
 
-    A cautious step has a term |g_i| / (distance to the bound that joint i moves towards) on the diagonal
+    A cautious step has a term |g_i| / (distance to the bound that joint i approaches) on the diagonal
     (Coleman and Li, An interior trust region approach for nonlinear minimization subject to bounds, 1996).
     """
     index, low, high, result = problem.joints, problem.low, problem.high, workspace.result
@@ -396,7 +396,7 @@ def _linearize(
 
 @compiled(lean=True, inline=True)
 def _propose(problem: SolverProblem, workspace: Workspace, cautious: bool) -> bool:
-    """Write the configuration to try; return whether there is one."""
+    """Write the trial configuration; return whether the step could be solved."""
     matrix, gradient, step = workspace.matrix, workspace.gradient, workspace.step
     least, most, state, factor = workspace.least, workspace.most, workspace.state, workspace.factor
     good = solve_box(matrix, gradient, least, most, step, state, factor, cautious)
@@ -408,7 +408,7 @@ def _propose(problem: SolverProblem, workspace: Workspace, cautious: bool) -> bo
 
 @compiled(lean=True, inline=True)
 def _posture_cost(problem: SolverProblem, inputs: Floats1) -> float:
-    """Return eps^2 |q - q_ref|^2 / 2, where q begins `inputs`, shape (>= n,)."""
+    """Return eps^2 |q - q_ref|^2 / 2, with q at the start of `inputs`, shape (>= n,)."""
     total = 0.0
     for i in range(problem.joints.size):
         shift = inputs[problem.joints[i]] - problem.reference[problem.joints[i]]
@@ -418,7 +418,7 @@ def _posture_cost(problem: SolverProblem, inputs: Floats1) -> float:
 
 @compiled(lean=True)
 def look_around(tests: CollisionTests, workspace: Workspace, q: Floats1, clearing: float) -> float:
-    """Write what is near at q, shape (n,) or longer, into `near_trial`; return the cost of it."""
+    """Write the nearby pairs at q, shape (>= n,), into `near_trial`; return the cost of their shortfalls."""
     rows = workspace.near_trial
     count = call_four(tests.near, q.ctypes.data, rows.ctypes.data, MOST_NEAR, tests.near_memory)
     workspace.near_count[1] = count
@@ -430,7 +430,7 @@ def look_around(tests: CollisionTests, workspace: Workspace, q: Floats1, clearin
 
 @compiled(lean=True, inline=True)
 def _look_along(problem: SolverProblem, workspace: Workspace, q: Floats1, clearing: float) -> float:
-    """Write the shortages of `near` at q, linear from `inputs`, into `shortages`; return their cost."""
+    """Write the shortfalls of `near` at q, linearized at `inputs`, into `shortages`; return their cost."""
     index, n, total = problem.joints, problem.reference.size, 0.0
     for r in range(workspace.near_count[0]):
         row = workspace.near[r]
@@ -445,7 +445,7 @@ def _look_along(problem: SolverProblem, workspace: Workspace, q: Floats1, cleari
 
 @compiled(lean=True, inline=True)
 def _keep_along(workspace: Workspace) -> None:
-    """Take the shortages that `_look_along` has written."""
+    """Update `near` by the shortfalls that `_look_along` has written."""
     n = workspace.near.shape[1] - 2
     for r in range(workspace.near_count[0]):
         row, shortage = workspace.near[r], workspace.shortages[r]
@@ -455,7 +455,7 @@ def _keep_along(workspace: Workspace) -> None:
 
 @compiled(lean=True)
 def keep_near(workspace: Workspace) -> None:
-    """Copy what is near at the configuration to try to what is near at q."""
+    """Copy the nearby pairs of the trial configuration to those of q."""
     workspace.near_count[0] = workspace.near_count[1]
     for r in range(workspace.near_count[0]):
         for i in range(workspace.near.shape[1]):
@@ -464,7 +464,7 @@ def keep_near(workspace: Workspace) -> None:
 
 @compiled(lean=True)
 def _touches(workspace: Workspace) -> bool:
-    """Whether something seems to touch at q."""
+    """Return whether a nearby pair seems to touch at q."""
     last, deepest = workspace.near.shape[1] - 1, -1.0
     for r in range(workspace.near_count[0]):
         deepest = max(deepest, workspace.near[r, last])

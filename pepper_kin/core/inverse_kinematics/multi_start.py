@@ -1,4 +1,4 @@
-"""Multi-start search: descents from q0 and from further starts, for many targets."""
+"""Multi-start search for many targets: descents from q0 and from further starts."""
 
 from __future__ import annotations
 
@@ -47,33 +47,32 @@ from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2
 
 DESCENTS_PER_JOINT = 5
-"""Descents for each joint before their agreement counts."""
+"""Minimum number of descents per joint before agreement of their costs ends the search."""
 
 NEAR_MISS, DESCENTS_PER_JOINT_NEAR = 0.1, 2
-"""Below this weighted distance, what descents agree on may be a near miss of a target whose way in is narrow.
-After so many for each joint starts are taken as they come, until none is left, and in place of reflections,
-which lead from the same minimum to the same end, further points of their numbers."""
+"""Weighted distance below which agreeing descents may have missed a target that is hard to enter, and minimum
+number of descents per joint there.  After them, all starts are used, and instead of reflections, which lead
+from the same minimum to the same end, further points of the unit cube."""
 
 STRAIGHTENED, STARTS_FOR_TORQUE = (1.0, 1.5), 3
-"""A solution that the motors cannot hold leans too far.  With the joints that carry much put back to where q0
-has them, or beyond, it is near another that mostly can be held; then further starts are tried, so many in
-all."""
+"""Ratios by which heavily loaded joints of a solution that the motors cannot hold are moved back towards q0,
+and total number of starts spent on such a solution: another solution nearby can mostly be held."""
 
 
 @compiled(lean=True)
 def _descend_aside(search: MultiStartSearch, workspace: Workspace, steps: int) -> int:
-    """Descend from q0 and, as far as the tasks let it, away from what is near there; return the steps.
+    """Descend from q0, away from nearby bodies as far as the tasks permit; return the number of steps.
 
-    What a first solution touches is mostly near at q0 already: in Stand, wrists are 3 mm beside the pelvis.
-    Distances are measured once and taken for linear in q, which takes as long as four steps; of hand
-    positions in reach, 15 % need the second stage then, and 64 % without it.
+    Bodies in which a first solution collides are mostly near at q0 already: in Stand, wrists are 3 mm from
+    the pelvis.  Distances are measured once and linearized in q, which takes as long as four steps; of hand
+    positions in reach, 15 % then need the second stage, and 64 % without it.
     """
     problem, tests, start = search.problem, search.tests, search.start
     same, taken = True, 0
     for i in range(start.size):
         same = same and start[i] == workspace.inputs[i]
         start[i] = workspace.inputs[i]
-    if not same:  # else they are as in the row before
+    if not same:  # else the nearby pairs are those of the row before
         look_around(tests, workspace, start, CLEARING)
     keep_near(workspace)
     if workspace.near_count[0] > 0:
@@ -85,12 +84,14 @@ def _descend_aside(search: MultiStartSearch, workspace: Workspace, steps: int) -
 
 @compiled(lean=True)
 def _search(search: MultiStartSearch, workspace: Workspace, answer: Floats1) -> bool:
-    """Descend from `inputs` and, until a good solution, from further starts; collisions are left out.
+    """Descend from `inputs` and further starts until a good solution; collisions are mostly ignored.
+
+    Only the first descent moves away from bodies near q0.
 
     Args:
         search: The search.
-        workspace: Its workspace; `inputs` holds the start.
-        answer: Written, see `solve_rows`, shape (n + t + EXTRA,).
+        workspace: Workspace of the search; `inputs` holds the start.
+        answer: Output, see `solve_rows`, shape (n + t + EXTRA,).
 
     Returns:
         Whether the tasks are met.
@@ -109,7 +110,7 @@ def _search(search: MultiStartSearch, workspace: Workspace, answer: Floats1) -> 
             used, ended = number, (number > 0 or timed) and is_over(problem, workspace)
         else:
             ended = True
-        if ended:  # one more descent, from the best so far to the very end
+        if ended:  # one more descent, which converges fully, from the best so far
             if (best_met and problem.stop_when_met) or workspace.stop[0] != 0:
                 break
             for i in range(n):
@@ -178,17 +179,17 @@ def solve_rows(
 ) -> None:
     """Solve for each row of `inputs` from `begin` to `end`.
 
-    Rows that are UNREACHABLE, or end in a COLLISION, are for `finish_rows` to go on with.
+    `finish_rows` continues with rows that end UNREACHABLE or in a COLLISION.
 
     Args:
         tables: The robot and tasks.
         bounds: Lower and upper bounds of `tables.joints` [rad or m], and whether they move, shape (3, n).
-        options: How much to search.
-        tests: Of collisions; only zeros where these are not considered.
+        options: Options of the search.
+        tests: Collision tests; all zero if collisions are not considered.
         inputs: q0 [rad or m], weights and targets, see `Workspace.inputs`, shape (N, n + t + ...).
-        answers: q [rad or m], squared errors, and EXTRA numbers, shape (N, n + t + EXTRA), written.
-        begin: First row.
-        end: One after the last row.
+        answers: Output: q [rad or m], squared errors, and EXTRA numbers, shape (N, n + t + EXTRA).
+        begin: Index of the first row.
+        end: Index after the last row.
     """
     n, t = tables.effort.size, options.tolerance.size
     search = make_search(tables, options, tests)

@@ -1,10 +1,10 @@
-"""Support functions of what a frame can reach: how far beyond reach a point is at least.
+"""Support functions of the positions that a frame reaches: lower bounds of how far a point is beyond reach.
 
 The support function h(u) = max over q of u . p(q) of the points p that a frame reaches satisfies, behind a
 joint with placement (R, t) and rotation R_j(theta), h(u) = u . t + max over theta of h'(R_j(theta)^T R^T u),
-with h' of the frame as the joint's child sees it.  It is kept at the points of a grid on the six faces of the
-cube |v|_max = 1.  Support functions are convex and positively homogeneous (Rockafellar, Convex Analysis,
-1970), so that interpolation, whose weights are positive and reproduce v, gives no less than h: all that is
+with h' of the frame relative to the joint's child.  It is stored at the points of a grid on the six faces of
+the cube |v|_max = 1.  Support functions are convex and positively homogeneous (Rockafellar, Convex Analysis,
+1970), so that interpolation, whose weights are positive and reproduce v, gives no less than h: all values
 computed here are upper bounds, whatever the grid, and x is at least u . x - h(u) beyond reach for every unit
 vector u.
 """
@@ -19,25 +19,25 @@ from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2
 
 CELLS = 48
-"""Cells of the grid along an edge of a face."""
+"""Number of grid cells along an edge of a face."""
 
 COARSE, WITHIN = 8, 0.1
-"""Points are first compared with every so many grid points, then, unless they are so far within the best of
-these planes [m], with those around it."""
+"""Stride of the grid points that a point is compared with first, and depth inside the best of their planes
+[m] beyond which the grid points around it are not tried."""
 
 ARC = math.radians(2.0)
-"""Largest step of a joint's angle [rad]; what lies between two steps is bounded, too."""
+"""Maximum step of a joint's angle [rad]; the angles between two steps are bounded, too."""
 
 
 @compiled(lean=True, inline=True)
 def _grid(place: int) -> float:
-    """Return a coordinate on a face, -1 to 1."""
+    """Return the coordinate of a grid point on a face, -1 to 1."""
     return 2.0 * place / CELLS - 1.0
 
 
 @compiled(lean=True)
 def _write_direction(face: int, i: int, j: int, v: Floats1) -> None:
-    """Write the grid point (i, j) of a face, shape (>= 3,): +-1 along axis face // 2, i, j along the next."""
+    """Write grid point (i, j) of a face, shape (>= 3,): +-1 along axis face // 2, i and j after it."""
     axis = face // 2
     v[axis] = 1.0 if face % 2 == 0 else -1.0
     v[(axis + 1) % 3] = _grid(i)
@@ -46,7 +46,7 @@ def _write_direction(face: int, i: int, j: int, v: Floats1) -> None:
 
 @compiled(lean=True)
 def _at(heights: Floats2, x: float, y: float, z: float) -> float:
-    """Return an upper bound of h at any vector; `heights` has shape (6 * (CELLS + 1), CELLS + 1)."""
+    """Return an upper bound of h at a vector; `heights` has shape (6 * (CELLS + 1), CELLS + 1)."""
     size = max(abs(x), abs(y), abs(z))
     if size == 0.0:
         return 0.0
@@ -67,7 +67,7 @@ def _at(heights: Floats2, x: float, y: float, z: float) -> float:
 
 @compiled("void(float64[::1], float64[:, ::1])")
 def write_point(point: Floats1, heights: Floats2) -> None:
-    """Write the support function of one point, shape (3,) [m], h(v) = v . point; shapes as of `add_joint`."""
+    """Write the support function of one point, shape (3,) [m], h(v) = v . point; shapes as in `add_joint`."""
     v = point.copy()
     for place in range(6 * (CELLS + 1)):
         for j in range(CELLS + 1):
@@ -79,7 +79,7 @@ def write_point(point: Floats1, heights: Floats2) -> None:
 def add_joint(
     placement: Floats2, axis: Floats1, limits: Floats1, radius: float, slides: bool, heights: Floats2
 ) -> None:
-    """Turn the support function of what a joint moves into that of what it reaches, in its parent's frame.
+    """Replace the support function of points in a joint's frame by that of their reach in the parent's frame.
 
     Between two angles that are d apart, w(theta) = R_j(theta)^T w is a combination of both ends with weights
     whose sum is at most s = 1 / cos(d / 2), less (s - 1) times its part along the axis; h is at most
@@ -88,10 +88,10 @@ def add_joint(
     Args:
         placement: R and t [m] of the joint in its parent's frame, shape (3, 4).
         axis: Unit vector, shape (3,).
-        limits: Least and largest position [rad or m], shape (2,).
+        limits: Minimum and maximum position [rad or m], shape (2,).
         radius: Bound on the distance of the frame from the joint's origin [m].
-        slides: Whether the joint slides instead.
-        heights: The support function, shape (6 * (CELLS + 1), CELLS + 1) [m]; overwritten.
+        slides: Whether the joint is prismatic.
+        heights: Support function, shape (6 * (CELLS + 1), CELLS + 1) [m]; overwritten.
     """
     before, v = heights.copy(), axis.copy()
     span = limits[1] - limits[0]
@@ -133,12 +133,12 @@ def add_joint(
 
 @compiled("void(float64[:, ::1], float64[:, ::1], float64[::1])")
 def write_shortfalls(heights: Floats2, points: Floats2, shortfalls: Floats1) -> None:
-    """Write how far each point is beyond reach at least [m], 0 where nothing is proven.
+    """Write a lower bound of how far each point is beyond reach [m], 0 where nothing is proven.
 
     Args:
-        heights: The support function in the frame of the points, shape (6 * (CELLS + 1), CELLS + 1) [m].
-        points: Shape (N, 3) [m].
-        shortfalls: Written, shape (N,) [m].
+        heights: Support function in the frame of the points, shape (6 * (CELLS + 1), CELLS + 1) [m].
+        points: Points, shape (N, 3) [m].
+        shortfalls: Output, shape (N,) [m].
     """
     v, side, count = np.empty(3), CELLS + 1, CELLS // COARSE + 1
     planes = np.empty((6 * count * count, 4))

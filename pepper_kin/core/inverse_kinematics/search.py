@@ -1,4 +1,4 @@
-"""Parts of all searches: tables and options, starts, and the judgment of configurations."""
+"""Common parts of all searches: tables and options, starts, and tests of configurations."""
 
 from __future__ import annotations
 
@@ -21,52 +21,52 @@ from pepper_kin.kernels.intrinsics import call_kernel
 from pepper_kin.kernels.signatures import Floats1, Floats2, Ints1
 
 REACH = (0.3, 0.6)
-"""How far from q0 the first restarts lie, as a fraction of the way to a point of the joint box; the others go
-all the way."""
+"""Distance of the first restarts from q0, as a fraction of the way to a point of the joint box; later
+restarts go all the way."""
 NEAR, FAR = REACH
 NEAR_STARTS = len(REACH)
 
 CANDIDATES = 4
-"""Every second pair of the other restarts takes the best of so many points: a target beyond reach has many
-local minima, and a start near the target finds the least of them more often.  The pairs between take points
-as they come: the best points may all lie in the basin of one near miss."""
+"""Number of points of which every second pair of later restarts takes the best: a target beyond reach has
+many local minima, and a start near the target finds the lowest more often.  The other pairs take points in
+order: the best points may all lie in the basin of one near miss."""
 
 HEAVY = 1.5
-"""Joints with d_i above this carry much (hip and knee); every other restart keeps them at q0, where gravity
-is easiest to bear."""
+"""d_i above which a joint counts as heavily loaded (hip and knee); every other restart keeps such joints at
+q0, where gravity is easiest to bear."""
 
 SPREADS = (0.1, 0.25, 0.6)
-"""Standard deviations of the shifts that look for a way around an obstacle [rad or m]."""
+"""Standard deviations of the random shifts that search for a way around an obstacle [rad or m]."""
 
 CLEARING = 0.3
-"""Weight of shortages of distance beside tasks that can be met, where they only have to point the way."""
+"""Weight of clearance shortfalls where the tasks can be met: they only have to indicate a direction."""
 
 STATUS, ITERATIONS, RESTARTS, EXTRA = 0, 1, 2, 3
-"""What an answer holds after q and the squared errors, and how many numbers these are."""
+"""Offsets in an answer after q and the squared errors, and their number."""
 
 SOLVED, UNREACHABLE, LIMITS, COLLISION, TIME, STOP = range(6)
-"""Values of STATUS: all tasks met; not even without joint limits; only without them; only while something
-touches; the deadline has passed; a signal or the kernel ended the search."""
+"""Values of STATUS: all tasks met; not met even without joint limits; met only without them; met only in
+collision; the deadline has passed; a signal or the kernel ended the search."""
 
 SEARCH_GAIN = 3e-3
-"""Descents end sooner than elsewhere, when a step gains less than this part of the cost; only the best of
-them is brought to its very end."""
+"""Gain relative to the cost below which a search's descents end; only the best of them converges fully."""
 
 AGREEING_STARTS, AGREEMENT = 4, 1e-3
-"""The search for the closest point ends when so many descents agree this well on the weighted distance."""
+"""Number of descents that must agree, and tolerance of the weighted distance, to end the search for the
+closest point."""
 
 
 class TaskTables(NamedTuple):
-    """What is fixed for a robot and tasks of one structure.
+    """Constants of a robot and of tasks of one structure.
 
     Attributes:
         kernel: Address of the tasks' kernel; see `SolverProblem`.
         gravity: Address of the kernel of the gravity torque.
-        work_size: Numbers of workspace that both need.
-        task_joints: k, how many joints the tasks depend on.
-        joints: Places of all joints in q, those of the tasks first, shape (n,).
+        work_size: Size of the workspace for both kernels.
+        task_joints: k, number of joints the tasks depend on.
+        joints: Indices of all joints in q, the joints of the tasks first, shape (n,).
         scale: d_i^2 of `joints`, shape (n,).
-        effort: 1 / effort limit in the order of q, 0 where there is none, shape (n,) [1/(N m) or 1/N].
+        effort: 1 / effort limit in the order of q, 0 without limit, shape (n,) [1/(N m) or 1/N].
     """
 
     kernel: int
@@ -79,21 +79,20 @@ class TaskTables(NamedTuple):
 
 
 class SearchOptions(NamedTuple):
-    """How much to search.
+    """Options that limit a search.
 
     Attributes:
         tolerance: Squared tolerances of the t tasks, shape (t,).
-        first: x_0 of the points of the unit cube that restarts are made from, in the order of `joints`,
-            shape (n,).
-        advance: alpha of these points x_j = frac(x_0 + j alpha), shape (n,).
-        restarts: Further starts.
-        max_iterations: Steps from each start.
-        thorough: Whether to continue the search where what was found touches something, and to test whether
-            joint limits are in the way; else it is only moved clear.
-        closest: Whether to search for the closest configuration where the tasks are not met.
+        first: x_0 of the points of the unit cube that restarts use, in the order of `joints`, shape (n,).
+        advance: alpha of the points x_j = frac(x_0 + j alpha), shape (n,).
+        restarts: Number of further starts.
+        max_iterations: Maximum number of steps from each start.
+        thorough: Whether to continue the search after a solution in collision, and to test whether joint
+            limits are the obstacle; otherwise the solution is only moved clear.
+        closest: Whether to search for the closest configuration if the tasks are not met.
         stop_when_met: Whether a descent ends once all tasks are well met.
         clock: Address of `clock_gettime`.
-        deadline: When to stop [s], infinite for never.
+        deadline: Time at which to stop [s], infinite for never.
         signals: See `pepper_kin.kernels.interrupts`, shape (8,).
     """
 
@@ -111,16 +110,16 @@ class SearchOptions(NamedTuple):
 
 
 class MultiStartSearch(NamedTuple):
-    """A search at work.
+    """State of a search.
 
     Attributes:
         tables: The robot and tasks.
-        options: How much to search.
-        tests: Of collisions with the scene and the robot itself.
+        options: Options of the search.
+        tests: Collision tests with the scene and the robot itself.
         problem: The problem of one row.
         torque: Gravity torque, shape (n,) [N m or N].
-        costs: Costs of the descents so far, shape (number of descents at most,).
-        start: Where descents among obstacles start from, and before these the q0 at which `near_trial` of the
+        costs: Costs of the descents so far, shape (maximum number of descents,).
+        start: Start of descents among obstacles; in the first stage, the q0 at which `near_trial` of the
             workspace was written, shape (n,) [rad or m].
     """
 
@@ -135,7 +134,7 @@ class MultiStartSearch(NamedTuple):
 
 @compiled(lean=True, inline=True)
 def _point(options: SearchOptions, i: int, number: int) -> float:
-    """Return coordinate i of a point of the unit cube.
+    """Return coordinate i of point `number` of the unit cube.
 
     The points x_j = frac(x_0 + j alpha) of Roberts (The unreasonable effectiveness of quasirandom
     sequences, 2018), with alpha_i = phi^-i and phi the real root of phi^(m+1) = phi + 1, are even in all m
@@ -149,7 +148,7 @@ def _point(options: SearchOptions, i: int, number: int) -> float:
 def write_start(search: MultiStartSearch, workspace: Workspace, number: int, only: int) -> None:
     """Write the start of a restart, counted from 0, into `inputs`.
 
-    Where `only` is not negative, it is this one of the number's points as it stands.
+    If `only` is not negative, it selects one of the restart's points, which is then used unchanged.
     """
     problem, options, trial = search.problem, search.options, workspace.trial
     index, low, high = problem.joints, problem.low, problem.high
@@ -181,7 +180,7 @@ def write_start(search: MultiStartSearch, workspace: Workspace, number: int, onl
 
 @compiled(lean=True)
 def write_way_start(search: MultiStartSearch, workspace: Workspace, number: int, reach: float) -> None:
-    """Write a start into `inputs` that lies part of the way, `reach`, from q0 to a point of the joint box."""
+    """Write into `inputs` a start at the fraction `reach` of the way from q0 to a point of the joint box."""
     problem = search.problem
     for i in range(problem.joints.size):
         q0 = problem.reference[problem.joints[i]]
@@ -192,9 +191,9 @@ def write_way_start(search: MultiStartSearch, workspace: Workspace, number: int,
 
 @compiled(lean=True)
 def write_straightened(search: MultiStartSearch, workspace: Workspace, part: float, answer: Floats1) -> None:
-    """Write the best solution so far into `inputs`, the joints that carry much moved back by a part to q0.
+    """Write the best solution so far into `inputs`, with heavily loaded joints moved towards q0 by a ratio.
 
-    The solution begins `answer`, see `keep`, shape (n + t + EXTRA,).
+    The solution is at the start of `answer`, see `keep`, shape (n + t + EXTRA,).
     """
     problem = search.problem
     for i in range(problem.joints.size):
@@ -206,9 +205,9 @@ def write_straightened(search: MultiStartSearch, workspace: Workspace, part: flo
 
 @compiled(lean=True)
 def write_shifted(search: MultiStartSearch, workspace: Workspace, number: int, answer: Floats1) -> None:
-    """Write the best configuration so far into `inputs`, each joint shifted a little.
+    """Write the best configuration so far into `inputs`, with every joint shifted randomly.
 
-    The configuration begins `answer`, see `keep`, shape (n + t + EXTRA,).
+    The configuration is at the start of `answer`, see `keep`, shape (n + t + EXTRA,).
     """
     problem, spread = search.problem, SPREADS[number % 3] * math.sqrt(12.0)
     for i in range(problem.joints.size):
@@ -219,7 +218,7 @@ def write_shifted(search: MultiStartSearch, workspace: Workspace, number: int, a
 
 @compiled(lean=True, inline=True)
 def is_held(search: MultiStartSearch, q: Floats1) -> bool:
-    """Whether the motors hold q, shape (n,) or longer: |g_i| <= effort limit for every joint."""
+    """Return whether the motors hold q, shape (>= n,): |g_i| <= effort limit for every joint."""
     tables = search.tables
     call_kernel(tables.gravity, q.ctypes.data, search.torque.ctypes.data, search.problem.work.ctypes.data)
     worst = 0.0
@@ -230,12 +229,12 @@ def is_held(search: MultiStartSearch, q: Floats1) -> bool:
 
 @compiled(lean=True)
 def agree(costs: Floats1, count: int, least_count: int) -> bool:
-    """Whether the least weighted distance was found often enough to be accepted.
+    """Return whether the minimum weighted distance was found often enough to be accepted.
 
     Args:
         costs: Costs of descents, half the squares of weighted distances, shape (>= count,).
-        count: How many of them there are.
-        least_count: How many there have to be.
+        count: Number of descents.
+        least_count: Minimum number of descents.
     """
     if count < least_count:
         return False
@@ -251,7 +250,7 @@ def agree(costs: Floats1, count: int, least_count: int) -> bool:
 
 @compiled(lean=True, inline=True)
 def motion(problem: SolverProblem, q: Floats1) -> float:
-    """Return |diag(d) (q - q0)|^2, where q begins an array of shape (>= n,)."""
+    """Return |diag(d) (q - q0)|^2, with q at the start of an array of shape (>= n,)."""
     total = 0.0
     for i in range(problem.joints.size):
         shift = q[problem.joints[i]] - problem.reference[problem.joints[i]]
@@ -270,7 +269,7 @@ def keep(workspace: Workspace, answer: Floats1, n: int, t: int) -> None:
 
 @compiled(lean=True, inline=True)
 def is_met(problem: SolverProblem, workspace: Workspace) -> bool:
-    """Whether every task is met at `inputs`."""
+    """Return whether every task is met at `inputs`."""
     return fraction_of_tolerance(workspace.result, problem.tolerance) <= 1.0
 
 
@@ -284,7 +283,7 @@ def make_problem(
         tables: The robot and tasks.
         options: How much to search.
         count: m, number of joints that move.
-        work: The kernel's workspace, shape (tables.work_size,).
+        work: Workspace of the kernel, shape (tables.work_size,).
         reference: q_ref, shape (n,) [rad or m].
     """
     return SolverProblem(
@@ -296,9 +295,9 @@ def make_problem(
 
 @compiled(lean=True)
 def set_bounds(problem: SolverProblem, bounds: Floats2) -> None:
-    """Set the bounds of a problem whose reference is set; joints that may not move stay there.
+    """Set the bounds of a problem whose reference is set; joints that may not move are bounded to it.
 
-    `bounds` are those of `solve_rows`, shape (3, n).
+    `bounds` has the rows of `solve_rows`, shape (3, n).
     """
     for i in range(problem.joints.size):
         fixed, q0 = bounds[2, i] == 0.0, problem.reference[problem.joints[i]]
@@ -308,7 +307,7 @@ def set_bounds(problem: SolverProblem, bounds: Floats2) -> None:
 
 @compiled
 def make_search(tables: TaskTables, options: SearchOptions, tests: CollisionTests) -> MultiStartSearch:
-    """Return a search in which the joints of the tasks move; `set_row` sets its problem."""
+    """Return a search that moves the joints of the tasks; `set_row` sets its problem."""
     n = tables.effort.size
     problem = make_problem(tables, options, tables.task_joints, np.empty(tables.work_size), np.empty(n))
     costs = np.empty((options.restarts + 2) * (REFLECTIONS + 1))
@@ -317,7 +316,7 @@ def make_search(tables: TaskTables, options: SearchOptions, tests: CollisionTest
 
 @compiled
 def set_row(search: MultiStartSearch, workspace: Workspace, bounds: Floats2, row: Floats1) -> None:
-    """Set the problem of a row of input, see `Workspace.inputs`; `bounds` are those of `solve_rows`."""
+    """Set the problem of a row of input, shape (n + t + ...,), within bounds, shape (3, n)."""
     search.problem.reference[:] = row[: search.start.size]
     workspace.inputs[:] = row
     workspace.trial[:] = row
@@ -326,7 +325,7 @@ def set_row(search: MultiStartSearch, workspace: Workspace, bounds: Floats2, row
 
 @compiled(lean=True)
 def status_of(workspace: Workspace, status: int) -> int:
-    """Return a status, or which of TIME and STOP has kept it from being SOLVED."""
+    """Return the status, or TIME or STOP if the search was cut short before it was SOLVED."""
     if workspace.stop[0] == 0 or status == SOLVED:
         return status
     return TIME if workspace.stop[0] == TIMED_OUT else STOP

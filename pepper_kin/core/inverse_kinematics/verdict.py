@@ -1,4 +1,4 @@
-"""The exact verdict on one configuration, for searches that take functions by their addresses."""
+"""Exact verdict on one configuration, callable by address."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def verdict(configuration: int, memory: int, size: int, _: int) -> int:
     Args:
         configuration: Address of q, shape (n,) [rad or m].
         memory: Address of a block of the compiled check in which all joints are free.
-        size: Doubles in it.
+        size: Number of doubles in the block.
     """
     block = floats_at(memory, size)
     head = at.head_of(block)

@@ -15,11 +15,10 @@ rotor, is
 * stop = max(0, Ks (q+ - upper) + Ds w) + min(0, Ks (q+ - lower) + Ds w): springs that only push, with a
   damper Ds once the joint is beyond the limit.
 
-Each part never rises with w and consists of straight segments, F(w) = c - k w with k >= 0 on each.
+Each part is nonincreasing in w and piecewise linear, F(w) = c - k w with k >= 0 on each segment.
 
-`servo_feedback`, `servo_gain`, `encoder_reading`, `friction_segment` and `drive_segment` are written so that
-they can be traced with symbols as well (`pepper_kin.twin.step_kernel`), with other definitions of
-`select` and of the names beside it.
+`servo_feedback`, `servo_gain`, `encoder_reading`, `friction_segment` and `drive_segment` can also be traced
+with symbols (`pepper_kin.twin.step_kernel`), with other definitions of `select` and of the names next to it.
 """
 
 from __future__ import annotations
@@ -34,31 +33,31 @@ from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2
 
 CREEP = 1e-8
-"""Fastest motion of a joint that sticks [rad/s or m/s]."""
+"""Maximum speed of a joint that sticks [rad/s or m/s]."""
 
 
 class ActuatorTable(NamedTuple):
-    """Parameters of the joints; each of the shape of the joints, (n,) or (robots, n).
+    """Parameters of the joints; each has the shape of the joints, (n,) or (robots, n).
 
     Attributes:
-        kp: strength Kp, 0 unless in position mode.
-        kd: strength Kd, 0 in torque mode.
-        strength: 0 to 1.
-        feedforward: strength, 0 in torque mode.
-        limit: strength times the torque limit, inf for none.
-        stall: strength times the stall torque, inf for none.
-        line: strength times stall / no_load, 0 for none.
-        viscous: D.
-        coulomb: C.
-        rotor: Rotor inertia.
-        upper: Upper position limit.
-        lower: Lower position limit.
-        stop_stiffness: Ks.
-        stop_damping: Ds.
-        resolution: Of the encoder, 0 for exact.
-        play: Half the backlash, 0 unless in position mode; see `drive_state`.
-        continuous_torque: Torque that does not overheat the motor, inf for any.
-        thermal_time: Time constant of its heating, inf for none.
+        kp: Strength times Kp [N m/rad or N/m], 0 unless in position mode.
+        kd: Strength times Kd [N m s/rad or N s/m], 0 in torque mode.
+        strength: Strength, 0 to 1.
+        feedforward: Factor on feed-forward torques: strength, 0 in torque mode.
+        limit: Strength times the torque limit [N m or N], inf for none.
+        stall: Strength times the stall torque [N m or N], inf for none.
+        line: Strength times stall / no_load [N m s/rad or N s/m], 0 for none.
+        viscous: D [N m s/rad or N s/m].
+        coulomb: C [N m or N].
+        rotor: Inertia of the rotor [kg m^2 or kg].
+        upper: Upper position limit [rad or m].
+        lower: Lower position limit [rad or m].
+        stop_stiffness: Ks [N m/rad or N/m].
+        stop_damping: Ds [N m s/rad or N s/m].
+        resolution: Resolution of the encoder [rad or m], 0 for exact.
+        play: Half the backlash [rad or m], 0 unless in position mode; see `drive_state`.
+        continuous_torque: Maximum torque that does not overheat the motor [N m or N], inf for any.
+        thermal_time: Time constant of the motor's heating [s], inf for none.
     """
 
     kp: Array
@@ -81,7 +80,7 @@ class ActuatorTable(NamedTuple):
     thermal_time: Array
 
 
-# Rows of the parameters of many joints, in the order of `ActuatorTable`.
+# Row indices of the parameters of many joints, in the order of `ActuatorTable`.
 KP, KD, STRENGTH, FEEDFORWARD, LIMIT, STALL, LINE, VISCOUS, COULOMB, ROTOR, UPPER, LOWER = range(12)
 STOP_STIFFNESS, STOP_DAMPING, RESOLUTION, PLAY, CONTINUOUS, THERMAL_TIME = 12, 13, 14, 15, 16, 17
 
@@ -94,13 +93,13 @@ def select(condition: bool, first: float, second: float) -> float:
 
 @compiled(lean=True, inline=True)
 def servo_feedback(kp: float, kd: float, error: float, v_ref: float) -> float:
-    """Return Kp (q_ref - q) + Kd v_ref, a servo's torque at w = 0; `error` is q_ref - q as it reads it."""
+    """Return Kp (q_ref - q) + Kd v_ref, a servo's torque at w = 0; `error` is q_ref minus the read q."""
     return kp * error + kd * v_ref
 
 
 @compiled(lean=True, inline=True)
 def servo_gain(h: float, kp: float, kd: float) -> float:
-    """Return the decrease of a servo's torque demand for each unit of w."""
+    """Return the decrease of a servo's torque demand per unit of w."""
     return h * kp + kd
 
 
@@ -113,26 +112,26 @@ def encoder_reading(resolution: float, q: float) -> float:
 
 @compiled(lean=True, inline=True)
 def floor(x: float) -> float:
-    """Return the greatest whole number that is not above x."""
+    """Return the greatest integer that is not above x."""
     return float(np.floor(x))
 
 
 @compiled(lean=True, inline=True)
 def friction_segment(coulomb: float, w: float) -> tuple[float, float]:
-    """Return c and k of Coulomb's friction."""
+    """Return c and k of Coulomb friction at velocity w."""
     sticks = abs(w) <= CREEP
     return select(sticks, 0.0, copysign(coulomb, w)), select(sticks, coulomb / CREEP, 0.0)
 
 
 @compiled(lean=True, inline=True)
 def copysign(x: float, sign: float) -> float:
-    """Return x >= 0 with the sign of another number."""
+    """Return x >= 0 with the sign of `sign`."""
     return math.copysign(x, sign)
 
 
 @compiled(lean=True, inline=True)
 def speed_torque_line(stall: float, line: float, w: float) -> tuple[float, float]:
-    """Return the least and the greatest torque that the supply's voltage allows."""
+    """Return the minimum and the maximum torque that the supply voltage allows at velocity w."""
     return -stall - line * w, stall - line * w
 
 
@@ -143,12 +142,12 @@ def drive_segment(
     """Return torque, intercept c and slope k of a motor at velocity w.
 
     Args:
-        servo: Torque demand at w = 0.
-        gain: Decrease of the demand for each unit of w.
-        limit: Torque limit.
-        stall: Stall torque.
+        servo: Torque demand at w = 0 [N m or N].
+        gain: Decrease of the demand per unit of w.
+        limit: Torque limit [N m or N].
+        stall: Stall torque [N m or N].
         line: Stall torque over no-load speed.
-        w: Velocity.
+        w: Velocity [rad/s or m/s].
     """
     wanted = servo - gain * w
     lower_line, upper_line = speed_torque_line(stall, line, w)
@@ -165,15 +164,15 @@ def drive_segment(
 def segment_at(
     law: Floats2, e: int, h: float, q: float, w: float, servo: float
 ) -> tuple[float, float, float]:
-    """Return torque, intercept c and slope k of the law of element e at a velocity, without branches.
+    """Return torque, intercept c and slope k of the model of element e at a velocity, without branches.
 
     Args:
         law: Parameters, one row for each of `ActuatorTable`, shape (rows, m).
-        e: The element.
+        e: Index of the element.
         h: Timestep [s].
-        q: Position at the start of the step.
-        w: Velocity at its end.
-        servo: Torque demand at w = 0: Kp (q_ref - q) + Kd v_ref + f.
+        q: Position at the start of the step [rad or m].
+        w: Velocity at the end of the step [rad/s or m/s].
+        servo: Torque demand at w = 0: Kp (q_ref - q) + Kd v_ref + f [N m or N].
     """
     gain = servo_gain(h, law[KP, e], law[KD, e])
     torque, intercept, slope = drive_segment(servo, gain, law[LIMIT, e], law[STALL, e], law[LINE, e], w)
@@ -185,7 +184,7 @@ def segment_at(
 
 @compiled(lean=True, inline=True)
 def when_turned(coulomb: float, w: float, before: float) -> tuple[float, float]:
-    """Return by what c and k change of a joint that has reversed since a velocity: friction holds it."""
+    """Return the changes of c and k for a joint that has reversed since `before`: friction holds it."""
     friction, stick = friction_segment(coulomb, w)
     turned = (w * before < 0.0) & (min(abs(w), abs(before)) > CREEP)
     return select(turned, friction, 0.0), select(turned, coulomb / CREEP - stick, 0.0)
@@ -193,7 +192,7 @@ def when_turned(coulomb: float, w: float, before: float) -> tuple[float, float]:
 
 @compiled(lean=True, inline=True)
 def _stop_at(law: Floats2, h: float, e: int, beyond: float, w: float, sign: float) -> tuple[float, float]:
-    """Return c and k of a stop of element e, which the joint is beyond by [rad or m], above if sign is 1."""
+    """Return c and k of a stop of element e, exceeded by `beyond` [rad or m]; law: shape (rows, m)."""
     stiffness, damping = law[STOP_STIFFNESS, e], law[STOP_DAMPING, e]
     base, stiff = stiffness * beyond, h * stiffness + select(sign * beyond > 0.0, damping, 0.0)
     pushes = sign * (base + stiff * w) > 0.0
@@ -202,13 +201,13 @@ def _stop_at(law: Floats2, h: float, e: int, beyond: float, w: float, sign: floa
 
 @compiled("void(float64[:, ::1], float64[:, ::1], float64[::1], float64[::1])")
 def present_torques(law: Floats2, state: Floats2, feedforward: Floats1, torque: Floats1) -> None:
-    """Write the torques of actuators at a state, instead of at the end of a step, of m joints.
+    """Write the torques of m actuators at a state, instead of at the end of a step.
 
     Args:
         law: Parameters, shape (rows, m).
         state: Positions, velocities, and references of both [rad or m and per second], shape (4, m).
-        feedforward: Times the strength [N m or N], shape (m,).
-        torque: Written [N m or N], shape (m,).
+        feedforward: Feed-forward torques times the strength [N m or N], shape (m,).
+        torque: Output [N m or N], shape (m,).
     """
     for e in range(len(torque)):
         q, v = state[0, e], state[1, e]

@@ -5,12 +5,13 @@ whose velocities are y(u), the convex problem is
 
     minimize (u - u_f)^T M (u - u_f) / 2 + sum over edges of max(0, -y(u))^2 / (2 R).
 
-Coulomb's law takes a few of them: friction iterations correct the normal velocities and turn the pyramids.
+Coulomb's law takes a few convex problems: friction iterations correct the normal velocities and rotate the
+pyramids.
 
-Shapes of inner functions' arrays, for k points, N velocities, n of them the robot's, and b free bodies: J and
-its responses (3 k, N), M (N, N), velocities u, free and start (N,), rates J u [m/s] and impulses [N s]
-(3 k,), bias, share (mu |v_t|, added to the bias) [m/s], friction and compliance (k,), y of the edges [m/s]
-and its change (k, 4), columns of the bodies (b,), rows of points, normals and gaps (>= k, 7).
+Shapes of inner functions' arrays, for k points, N velocities, n of which belong to the robot, and b free
+bodies: J and its responses (3 k, N), M (N, N), velocities u, free and start (N,), rates J u [m/s] and
+impulses [N s] (3 k,), bias, share (mu |v_t|, added to the bias) [m/s], friction and compliance (k,), y of the
+edges [m/s] and its change (k, 4), columns of the bodies (b,), rows of points, normals and gaps (>= k, 7).
 """
 
 from __future__ import annotations
@@ -26,31 +27,31 @@ from pepper_kin.kernels.interrupts import call_back
 from pepper_kin.kernels.signatures import Floats1, Floats2, Ints1
 
 RELATIVE_COMPLIANCE = 1e-5
-"""R over the diagonal of A."""
+"""R relative to the diagonal of A."""
 RECOVERY = 0.2
-"""Share of an overlap that one step takes back."""
+"""Ratio of an overlap that is removed in one step."""
 FASTEST_RECOVERY = 0.2
-"""Overlaps are not taken back faster than this [m/s]."""
+"""Maximum speed at which overlaps are removed [m/s]."""
 IMMOVABLE = 1e-9
-"""Points of which an impulse of 1 N s moves nothing faster than this [m/s] do not push."""
+"""Maximum speed from an impulse of 1 N s at which a point counts as immovable and does not push [m/s]."""
 ALIGNED = 1e-7
-"""Sliding slower than this has no direction [m/s]."""
+"""Sliding speed below which no sliding direction is defined [m/s]."""
 ITERATIONS = 60
 LINE_STEPS = 40
 CONVERGED = 3e-13
-"""Change of the contacts' velocities at which there is no further Newton step [m/s]."""
+"""Change of the contacts' velocities below which Newton's method ends [m/s]."""
 FASTEST = 1e6
-"""Velocities of free bodies add up to less than this [m/s and rad/s]."""
+"""Upper limit of the sum of the free bodies' absolute velocities [m/s and rad/s]."""
 FRICTION_ITERATIONS = 10
 COULOMB_TOLERANCE = 1e-4  # [m/s], ends friction iterations
 SOLVE_PROBLEM = 1
-"""First argument of a call-back that writes the impulses of a convex problem."""
+"""First argument of a call-back that computes the impulses of a convex problem."""
 ADDRESSES = 16
-"""Size of the array in which a call-back finds addresses and sizes."""
+"""Size of the array that passes addresses and sizes to a call-back."""
 
 
 class ContactProblem(NamedTuple):
-    """One step's problem for k points and N velocities: of the robot, if touched, and of bodies touched.
+    """Problem of one step, with k points and N velocities: the robot's, if touched, and the touched bodies'.
 
     Attributes:
         mass: M, shape (N, N).
@@ -59,10 +60,10 @@ class ContactProblem(NamedTuple):
         jacobian: J, rows normal, first and second tangent of each point, shape (3 k, N).
         response: J M^-1, shape (3 k, N).
         compliance: R of each point's edges, shape (k,).
-        bias: Speed that closes the gap, gap / h, or, below zero, takes an overlap back, shape (k,) [m/s].
+        bias: Speed that closes the gap, gap / h, or if negative removes an overlap, shape (k,) [m/s].
         friction: mu, shape (k,).
         tangents: First tangent in the world, shape (k, 3).
-        columns: First column of each free body, -1 where it touches nothing, shape (b,).
+        columns: First column of each free body, -1 if it touches nothing, shape (b,).
         room: Memory for the solution, see `room_for`.
         sound: Whether the robot's mass matrix is positive definite.
     """
@@ -85,9 +86,9 @@ class FreeStep(NamedTuple):
     """The robot's step without contacts: v+ = v + h mass_hat^-1 force; n is 0 for a robot held still.
 
     Attributes:
-        velocity: [rad/s or m/s], shape (n,) at least.
-        mass_hat: Mass matrix, with what is implicit in the step [kg m^2 or kg], shape (n, n).
-        force: [N m or N], shape (n,).
+        velocity: Joint velocities [rad/s or m/s], shape (>= n,).
+        mass_hat: Mass matrix including implicit terms of the step [kg m^2 or kg], shape (n, n).
+        force: Joint forces [N m or N], shape (n,).
     """
 
     velocity: Floats1
@@ -102,12 +103,12 @@ class SolverState(NamedTuple):
         velocity: u, in the first N [rad/s or m/s], shape (n + 6 b,).
         impulses: Normal, first and second tangent of each point [N s], in the first 3 k, shape
             (3 MOST_POINTS,).
-        forces: At the points, in the world's axes [N], shape (MOST_POINTS, 3).
-        load: On the robot [N m or N], shape (n,).
-        numbers: k, N, how many convex problems were solved, whether a call-back solved them, and the number
-            of steps that `wrench` holds, shape (5,).
+        forces: Forces at the points, in the world's axes [N], shape (MOST_POINTS, 3).
+        load: Load of the contacts on the robot [N m or N], shape (n,).
+        numbers: k, N, number of convex problems solved, whether a call-back solved them, and number of steps
+            in `wrench`, shape (5,).
         coulomb_error: Normal velocity by which sliding contacts deviate from Coulomb's law [m/s], shape (1,).
-        addresses: See `solve_contacts`, shape (ADDRESSES,).
+        addresses: Addresses for the call-back, see `solve_contacts`, shape (ADDRESSES,).
         wrench: Force [N] of the contacts on the robot and moment about the world's origin [N m], in each of
             the last steps, shape (s, 6).
         mail: Arguments of call-backs, shape (3,).
@@ -125,7 +126,7 @@ class SolverState(NamedTuple):
 
 
 def room_for(points: int, velocities: int) -> int:
-    """Return how many floats a problem of k points and N velocities needs, its solution included."""
+    """Return the number of floats that a problem of k points and N velocities and its solution need."""
     return 3 * velocities * (velocities + 3 * points) + 10 * velocities + 40 * points + 6
 
 
@@ -134,14 +135,14 @@ def assemble(
     count: int, points: ContactPoints, shapes: ShapeTable, tree: TreeTable, at: TreeMotion, bodies: BodyTable,
     robot: FreeStep, h: float,
 ) -> ContactProblem:  # fmt: skip
-    """Return the contact problem of a step, in the memory of the points.
+    """Return the contact problem of a step, in the memory of `points`.
 
     Args:
         count: Number of contact points.
-        points: The points.
+        points: The contact points.
         shapes: The shapes.
-        tree: Of the robot.
-        at: Where its joints are.
+        tree: Tree of the robot.
+        at: Present poses of the joints.
         bodies: The free bodies.
         robot: The robot's step without contacts.
         h: Length of the step [s].
@@ -211,7 +212,7 @@ def assemble(
 
 @compiled(lean=True)
 def _number_columns(count: int, points: ContactPoints, shapes: ShapeTable, n: int, columns: Ints1) -> int:
-    """Number columns of free bodies that touch something, shape (b,); return the robot's count: n or 0."""
+    """Number the columns of touched free bodies, shape (b,); return the robot's number of columns: n or 0."""
     robot = 0
     for b in range(len(columns)):
         columns[b] = -1
@@ -237,7 +238,7 @@ def _add_point_rows(
 ) -> None:  # fmt: skip
     """Add the Jacobian of a point's velocity, in the world's axes, times `sign`, to rows, shape (3, N).
 
-    `place` is mover and owner of the shape with the point, shape (3,) [m]; columns have the shape (b,).
+    `place` has mover and owner of the shape; the point has shape (3,) [m], columns shape (b,).
     """
     mover, owner = place
     if mover == ON_ROBOT:
@@ -278,10 +279,10 @@ def _add_point_rows(
 
 @compiled(lean=True)
 def _turn_to_frame(rows: Floats2, normal: Floats1, free: Floats1, tangent: Floats1, scratch: Floats2) -> None:
-    """Turn rows, shape (3, N), in the world's axes to normal and tangents.
+    """Rotate rows, shape (3, N), from the world's axes to normal and tangents.
 
-    The first tangent is along the tangential part of the free velocities, shape (N,), and is written, in the
-    world, like the normal of shape (3,).  `scratch` is workspace of shape (2, 3).
+    The first tangent is along the tangential part of the free velocities, shape (N,), and is output in the
+    world's axes, shape (3,), as is the normal.  `scratch` is workspace of shape (2, 3).
     """
     size = rows.shape[1]
     rates, second = scratch[0], scratch[1]
@@ -318,7 +319,7 @@ def _turn_to_frame(rows: Floats2, normal: Floats1, free: Floats1, tangent: Float
 def _add_bodies(
     bodies: BodyTable, h: float, columns: Ints1, mass: Floats2, free: Floats1, start: Floats1
 ) -> None:
-    """Write the free bodies' part of M, free and start over h [s]; shapes as at the top."""
+    """Write the free bodies' part of M, free and start over h [s]; shapes as in the module's docstring."""
     rotation, velocity, inertia = bodies.rotation, bodies.velocity, bodies.inertia
     for b in range(len(columns)):
         k = columns[b]
@@ -338,9 +339,9 @@ def _add_bodies(
 def _add_responses(
     jacobian: Floats2, lower: Floats2, columns: Ints1, bodies: BodyTable, solved: Floats2, response: Floats2
 ) -> None:
-    """Write J M^-1 into zeros, from the factor `lower`, shape (n, n), of the robot's part.
+    """Write J M^-1 into zeros, from the Cholesky factor `lower`, shape (n, n), of the robot's part.
 
-    `solved` is workspace of shape (n, 3 k); other shapes are as at the top.
+    `solved` is workspace of shape (n, 3 k); other shapes are those of the module's docstring.
     """
     n, rotation, inertia = len(lower), bodies.rotation, bodies.inertia
     rows = len(jacobian)
@@ -374,9 +375,9 @@ def _add_responses(
 def _add_robot(
     robot: FreeStep, h: float, lower: Floats2, mass: Floats2, free: Floats1, start: Floats1
 ) -> bool:
-    """Write the robot's part of M, free and start, and its factor `lower`, shape (n, n).
+    """Write the robot's part of M, free and start, and its Cholesky factor `lower`, shape (n, n).
 
-    Other shapes are as at the top.  Returns whether the mass matrix is positive definite.
+    Other shapes are those of the module's docstring.  Returns whether the mass matrix is positive definite.
     """
     n, v = len(lower), robot.velocity
     if n == 0:
@@ -398,16 +399,16 @@ def solve_contacts(
 ) -> bool:
     """Solve a step: convex problems by Newton's method, or by a call-back; write velocities and impulses.
 
-    The call-back gets `SOLVE_PROBLEM`, the address of `state.addresses` and two zeros, where it finds
-    numbers k and N and the addresses of jacobian, response, free, compliance, bias and friction, and
-    of the impulses that it writes; it returns 0, or less where it fails.
+    The call-back receives `SOLVE_PROBLEM`, the address of `state.addresses` and a zero.  The array holds k
+    and N, the addresses of jacobian, response, free, compliance, bias and friction, and the address of the
+    impulses, which the call-back writes; it returns 0, or a negative number on failure.
 
     Args:
-        problem: The problem; its tangents are turned in place.
+        problem: The problem; its tangents are rotated in place.
         rows: Points, normals and gaps, shape (>= k, 7).
-        callback: Address of the call-back, or 0; it is called where Newton's method fails.
+        callback: Address of the call-back, or 0; it is called if Newton's method fails.
         by_callback: Whether the call-back solves in any case.
-        state: Written.
+        state: Output.
 
     Returns:
         Whether a solution was found.
@@ -431,10 +432,11 @@ def _iterate_friction(
 ) -> bool:
     """Solve convex problems until Coulomb's law holds to a tolerance; return whether all were solved.
 
-    By the call-back at an address, or where that is 0 by Newton's method; shapes as at the top.
+    The call-back at an address solves them, or Newton's method if the address is 0; shapes as in the module's
+    docstring.
     """
     count, size, room = len(problem.bias), len(problem.start), problem.room
-    end = (3 + size) * size + 15 * count  # before it is what `newton` writes
+    end = (3 + size) * size + 15 * count  # workspace of `newton` ends here
     share, shifted, rates = (
         room[end : end + count],
         room[end + count : end + 2 * count],
@@ -467,9 +469,9 @@ def _iterate_friction(
 def _solve_by_callback(
     problem: ContactProblem, bias: Floats1, callback: int, impulses: Floats1, state: SolverState
 ) -> bool:
-    """Call back for the impulses of one convex problem; return whether it succeeded.
+    """Compute the impulses of one convex problem by the call-back; return whether it succeeded.
 
-    `state.addresses` are those of `solve_contacts`; shapes as at the top.
+    `state.addresses` is filled as for `solve_contacts`; shapes as in the module's docstring.
     """
     addresses = state.addresses
     addresses[0], addresses[1] = len(bias), len(problem.free)
@@ -482,14 +484,14 @@ def _solve_by_callback(
 
 @compiled
 def call_with(callback: int, mail: Ints1, what: int, first: int, second: int) -> int:
-    """Call back with three numbers, which go through memory of shape (3,)."""
+    """Call back with three integers, passed in memory of shape (3,)."""
     mail[0], mail[1], mail[2] = what, first, second
     return call_back(callback)
 
 
 @compiled
 def _first_share(problem: ContactProblem, rates: Floats1, share: Floats1) -> None:
-    """Write mu |v_t| of every point before the step, and the rates; shapes as at the top."""
+    """Write mu |v_t| of every point before the step, and the rates; shapes as in the module's docstring."""
     multiply(problem.jacobian, problem.start, rates)
     for c in range(len(share)):
         share[c] = problem.friction[c] * math.sqrt(rates[3 * c + 1] ** 2 + rates[3 * c + 2] ** 2)
@@ -497,7 +499,7 @@ def _first_share(problem: ContactProblem, rates: Floats1, share: Floats1) -> Non
 
 @compiled(lean=True)
 def _velocities_after(problem: ContactProblem, impulses: Floats1, u: Floats1) -> None:
-    """Write u = free + M^-1 J^T p of impulses p; shapes as at the top."""
+    """Write u = free + M^-1 J^T p for impulses p; shapes as in the module's docstring."""
     for k in range(len(u)):
         u[k] = problem.free[k]
     for r in range(len(impulses)):
@@ -510,7 +512,7 @@ def _velocities_after(problem: ContactProblem, impulses: Floats1, u: Floats1) ->
 def _deviation(
     problem: ContactProblem, u: Floats1, impulses: Floats1, share: Floats1, rates: Floats1
 ) -> float:
-    """Return the touching points' greatest deviation from Coulomb's law [m/s]; shapes as at the top."""
+    """Return the touching points' maximum deviation from Coulomb's law [m/s]; shapes as in the module."""
     multiply(problem.jacobian, u, rates)
     worst = 0.0
     for c in range(len(share)):
@@ -527,10 +529,10 @@ def _deviation(
 def _align_tangents(
     problem: ContactProblem, rows: Floats2, rates: Floats1, share: Floats1, iteration: int
 ) -> None:
-    """Update the velocity bias by the sliding speeds, and turn the tangents toward the sliding directions.
+    """Update the velocity bias by the sliding speeds, and rotate the tangents toward the sliding directions.
 
-    A pyramid is symmetric under a quarter turn, so that no turn is longer than an eighth.  Full steps can
-    oscillate; steps that get shorter with every iteration do not.  All shapes are as at the top.
+    A pyramid is symmetric under a quarter turn, so that no rotation exceeds an eighth.  Full steps can
+    oscillate; steps that shrink with every iteration do not.  Shapes as in the module's docstring.
     """
     friction, tangents = problem.friction, problem.tangents
     turning = 1.0 / (1 + iteration)
@@ -555,7 +557,7 @@ def _align_tangents(
 
 @compiled(lean=True)
 def _turn_rows(matrix: Floats2, row: int, a: float, b: float) -> None:
-    """Turn two rows of a matrix, shape (3 k, N), by an angle of cosine a and sine b."""
+    """Rotate two rows of a matrix, shape (3 k, N), by an angle of cosine a and sine b."""
     for k in range(matrix.shape[1]):
         x, y = matrix[row, k], matrix[row + 1, k]
         matrix[row, k], matrix[row + 1, k] = a * x + b * y, a * y - b * x
@@ -566,16 +568,16 @@ def newton(problem: ContactProblem, bias: Floats1, u: Floats1, impulses: Floats1
     """Minimize (u - free)^T M (u - free) / 2 + sum over edges of max(0, -y(u))^2 / (2 R).
 
     The cost is convex, once differentiable and piecewise quadratic.  Newton's step with the exact line search
-    ends on the exact minimum (except for rounding) once it is taken in full and no edge changes sides.
+    ends at the exact minimum (up to rounding) once it is taken in full and no edge changes sides.
 
     Args:
         problem: M, free, J, R and mu.
-        bias: With the share of the sliding speeds; see `ContactProblem`, shape (k,) [m/s].
-        u: The first guess; overwritten by the solution, shape (N,).
-        impulses: Written, shape (3 k,) [N s].
+        bias: Bias including mu |v_t|; see `ContactProblem`, shape (k,) [m/s].
+        u: Initial guess; overwritten by the solution, shape (N,).
+        impulses: Output, shape (3 k,) [N s].
 
     Returns:
-        Number of iterations; -1 where they did not suffice or the matrix is not positive definite.
+        Number of iterations; -1 if they did not suffice or the matrix is not positive definite.
     """
     mass, free, jacobian = problem.mass, problem.free, problem.jacobian
     compliance, friction = problem.compliance, problem.friction
@@ -631,7 +633,7 @@ def newton(problem: ContactProblem, bias: Floats1, u: Floats1, impulses: Floats1
 
 @compiled(lean=True)
 def _edge_velocities(rates: Floats1, bias: Floats1, friction: Floats1, result: Floats2) -> None:
-    """Write y = v_n +- mu v_t + bias of every point's four edges from rates; shapes as at the top."""
+    """Write y = v_n +- mu v_t + bias of every point's four edges; shapes as in the module's docstring."""
     for c in range(len(bias)):
         normal = rates[3 * c] + bias[c]
         first, second = friction[c] * rates[3 * c + 1], friction[c] * rates[3 * c + 2]
@@ -641,7 +643,7 @@ def _edge_velocities(rates: Floats1, bias: Floats1, friction: Floats1, result: F
 
 @compiled(lean=True)
 def _edge_impulses(y: Floats2, compliance: Floats1, friction: Floats1, result: Floats1) -> None:
-    """Write the impulses of all points: those of the edges are max(0, -y) / R; shapes as at the top."""
+    """Write the impulses of all points; an edge's is max(0, -y) / R; shapes as in the module's docstring."""
     for c in range(len(compliance)):
         a, b = max(0.0, -y[c, 0]) / compliance[c], max(0.0, -y[c, 1]) / compliance[c]
         d, e = max(0.0, -y[c, 2]) / compliance[c], max(0.0, -y[c, 3]) / compliance[c]
@@ -652,9 +654,10 @@ def _edge_impulses(y: Floats2, compliance: Floats1, friction: Floats1, result: F
 
 @compiled(lean=True)
 def _length(y: Floats2, change: Floats2, compliance: Floats1, slope: float, curve: float) -> float:
-    """Return the step at which the cost is least: the root of a piecewise linear slope.
+    """Return the step of minimum cost: the root of the cost's piecewise linear derivative.
 
-    `slope` and `curve` are the derivatives of the cost without edges; shapes are as at the top.
+    `slope` and `curve` are the first and second derivative of the cost without edges; shapes as in the
+    module.
     """
     low, high, step = 0.0, math.inf, 1.0
     for _ in range(LINE_STEPS):
@@ -682,7 +685,7 @@ def _length(y: Floats2, change: Floats2, compliance: Floats1, slope: float, curv
 def _add_active(
     hessian: Floats2, jacobian: Floats2, y: Floats2, compliance: Floats1, friction: Floats1
 ) -> None:
-    """Add J_a^T R^-1 J_a of pushing edges to a lower triangle, shape (N, N); other shapes as at the top."""
+    """Add J_a^T R^-1 J_a of pushing edges to a lower triangle, shape (N, N); other shapes: module."""
     size = len(hessian)
     for c in range(len(compliance)):
         mu, stiff = friction[c], 1.0 / compliance[c]
@@ -722,7 +725,7 @@ def _move(u: Floats1, step: float, direction: Floats1) -> None:
 
 @compiled(lean=True)
 def _same_sides(y: Floats2, change: Floats2) -> bool:
-    """Whether the same edges push after a change of y, shape (k, 4) each."""
+    """Return whether the same edges push after a change of y, shape (k, 4) each."""
     for c in range(len(y)):
         for e in range(4):
             if (y[c, e] + change[c, e] < 0) != (y[c, e] < 0):

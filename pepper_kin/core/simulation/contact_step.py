@@ -1,4 +1,4 @@
-"""One step of a world: find contacts, solve them, move the free bodies, and return the load on the robot."""
+"""One step of a world: finds and solves contacts, moves the free bodies, returns the load on the robot."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ from pepper_kin.kernels.signatures import Array, Floats1, Floats2, Ints1, record
 SOLVED, NOT_SOLVED, TOO_MANY_POINTS, NOT_POSITIVE_DEFINITE, FORCE_NOT_FINITE, NOT_FINITE, CALLBACK_FAILED = (
     range(7)
 )
-"""Outcomes of a step; in all but the first the bodies stay as they are."""
+"""Outcomes of a step; after any but the first, the bodies are unchanged."""
 NO_WORLD, TABLES, CALLBACK = 0, 1, 2
-"""What a robot may touch: nothing, a world of tables, or what a call-back handles in the whole step."""
+"""Kinds of world: none, a world of tables, or one whose whole step a call-back computes."""
 DECIDE_PAIRS, ADVANCE = 0, 2
-"""First arguments of call-backs besides `SOLVE_PROBLEM`: points of pairs that are not decided here; a whole
+"""First arguments of call-backs besides `SOLVE_PROBLEM`: find the points of undecided pairs; compute a whole
 step."""
 
 
@@ -48,16 +48,16 @@ class WorldTables(NamedTuple):
     Attributes:
         kind: NO_WORLD, TABLES or CALLBACK.
         callback: Address of `int64 f()`, or 0, which reads `state.mail`.  Called for DECIDE_PAIRS, with the
-            numbers of points and of undecided pairs, it adds points and returns how many there are now; for
+            numbers of points and of undecided pairs, it adds points and returns their new number; for
             ADVANCE, with the address of `state.addresses` (n, then the addresses of q, v, mass_hat, force
-            and load), it writes the load and returns 0.  Below zero it has failed.
+            and load), it writes the load and returns 0.  A negative result is a failure.
         by_callback: Whether the call-back solves the contact problems.
-        tree: The robot's.
-        at: Where its joints are; written.
-        shapes: All shapes; their places are written.
-        bodies: Free bodies; moved.
-        points: Written.
-        state: Written.
+        tree: Tree of the robot.
+        at: Poses of the robot's joints, output.
+        shapes: All shapes; their poses are output.
+        bodies: Free bodies; their states are changed.
+        points: Contact points, output.
+        state: Results of the solver, output.
     """
 
     kind: int
@@ -80,7 +80,7 @@ def world_tables(
     by_callback: bool = False,
     mail: Ints1 | None = None,
 ) -> WorldTables:
-    """Return the tables of a world, with new arrays for what a step writes."""
+    """Return the tables of a world, with new arrays for the output of a step."""
     joints = int(tree.driver.max()) + 1
     points = ContactPoints(
         rows=np.zeros((MOST_POINTS, 7)),
@@ -131,13 +131,12 @@ def no_world(n: int) -> WorldTables:
 def contact_step(world: WorldTables, q: Floats1, robot: FreeStep, h: float) -> int:
     """Advance the free bodies by h, and write the load of contacts on the robot to `world.state`.
 
-    Without contact the robot would go to v + h mass_hat^-1 force; with it, it goes to
-    v + h mass_hat^-1 (force + load).
+    Without contact the robot reaches v + h mass_hat^-1 force; with contact, v + h mass_hat^-1 (force + load).
 
     Args:
         world: The world.
         q: Position of the robot at the start of the step [rad or m], shape (n,).
-        robot: Its step without contacts.
+        robot: The robot's step without contacts.
         h: Length of the step [s].
 
     Returns:
@@ -151,17 +150,17 @@ def contact_step(world: WorldTables, q: Floats1, robot: FreeStep, h: float) -> i
 
 @compiled(lean=True)
 def find_points(world: WorldTables, q: Floats1, v: Floats1, h: float, robot: bool) -> tuple[int, float]:
-    """Write the points in contact, and their number to `world.state`, and clear the load on the robot.
+    """Write the points in contact, and their number to `world.state`; set the load on the robot to zero.
 
     Args:
         world: The world.
         q: Position of the robot at the start of the step [rad or m], shape (n,).
-        v: Its velocity then [rad/s or m/s], shape (n,).
+        v: Velocity of the robot then [rad/s or m/s], shape (n,).
         h: Length of the step [s].
         robot: Whether the robot may be near anything.
 
     Returns:
-        SOLVED, or another outcome; and how far the robot is from all else at least [m].
+        SOLVED, or another outcome; and a lower bound of the robot's distance from all else [m].
     """
     state, points = world.state, world.points
     state.numbers[0] = 0
@@ -186,7 +185,7 @@ def find_points(world: WorldTables, q: Floats1, v: Floats1, h: float, robot: boo
 
 @compiled
 def push_apart(world: WorldTables, robot: FreeStep, h: float) -> int:
-    """Do what `contact_step` does once the points are found; without points the robot's motion is not read.
+    """Complete `contact_step` once points are found; without points the robot's motion is not read.
 
     Args:
         world: The world.
@@ -226,14 +225,14 @@ def push_apart(world: WorldTables, robot: FreeStep, h: float) -> int:
 
 @compiled(lean=True)
 def _add_wrench(count: int, of_robot: Ints1, points: ContactPoints, forces: Floats2, wrench: Floats1) -> None:
-    """Add the forces on the robot, and their moments about the world's origin.
+    """Add the contact forces on the robot, and their moments about the world's origin, to a wrench.
 
     Args:
         count: Number of points.
-        of_robot: See `ShapeTable`, shape (k,).
+        of_robot: 1 for the robot's shapes, see `ShapeTable`, shape (k,).
         points: The points.
-        forces: At the points, in the world, shape (>= count, 3) [N].
-        wrench: Changed: force and moment, shape (6,) [N, N m].
+        forces: Forces at the points, in the world, shape (>= count, 3) [N].
+        wrench: Force and moment, changed, shape (6,) [N, N m].
     """
     for c in range(count):
         sign = float(of_robot[points.shapes[c, 0]] - of_robot[points.shapes[c, 1]])
@@ -252,9 +251,9 @@ def _apply_solution(
     Args:
         problem: The solved problem.
         rows: Points, normals and gaps, shape (>= k, 7).
-        bodies: The free bodies; their velocities are written.
+        bodies: The free bodies; their velocities are output.
         h: Length of the step [s].
-        state: The solution; forces and load are written.
+        state: The solution; forces and load are output.
 
     Returns:
         Whether all velocities are below `FASTEST` and all loads finite.
@@ -293,7 +292,7 @@ def _apply_solution(
 
 @compiled
 def step_by_callback(world: WorldTables, q: Floats1, robot: FreeStep, h: float) -> int:
-    """Call back for a whole step of the robot at q, shape (n,) [rad or m]."""
+    """Compute a whole step of the robot at q, shape (n,) [rad or m], by the call-back; return the outcome."""
     addresses = world.state.addresses
     addresses[0], addresses[1], addresses[2] = len(q), q.ctypes.data, robot.velocity.ctypes.data
     addresses[3], addresses[4] = robot.mass_hat.ctypes.data, robot.force.ctypes.data
@@ -304,7 +303,7 @@ def step_by_callback(world: WorldTables, q: Floats1, robot: FreeStep, h: float) 
 
 @compiled
 def _is_finite(values: Floats1) -> bool:
-    """Whether all numbers, shape (k,), are finite."""
+    """Return whether all numbers, shape (k,), are finite."""
     total = 0.0
     for value in values:
         total += 0.0 * value

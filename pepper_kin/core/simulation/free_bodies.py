@@ -1,4 +1,4 @@
-"""Free motion of rigid bodies."""
+"""Motion of free rigid bodies under gravity."""
 
 from __future__ import annotations
 
@@ -10,17 +10,18 @@ from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2
 
 ROUNDS = 50
-"""Of the fixed-point iteration for a turn; three or four are needed at 1 ms and a few turns a second."""
+"""Maximum number of fixed-point iterations of a rotation; three or four suffice at 1 ms and a few turns a
+second."""
 LARGEST_TURN = 0.5
-"""Turns are taken in parts of this size, for which the iteration converges for every body [rad]."""
+"""Maximum angle of one part of a step, for which the iteration converges for every body [rad]."""
 
 
 @compiled(lean=True)
 def integrate_bodies(bodies: BodyTable, h: float, work: Floats2) -> None:
-    """Move all bodies by h [s], in place: x+ = x + h v, and the free turning of a rigid body.
+    """Move all bodies by h [s], in place: x+ = x + h v, and the free rotation of a rigid body.
 
-    `work` is memory of shape (>= 6, 3).  In the body's frame, with W its angular velocity and I its principal
-    moments, the implicit midpoint rule
+    `work` is workspace of shape (>= 6, 3).  In the body's frame, with W its angular velocity and I its
+    principal moments, the implicit midpoint rule
 
         I (W+ - W) = -h w x I w,   w = (W + W+) / 2,   R+ = R cay(h w),
 
@@ -39,7 +40,7 @@ def integrate_bodies(bodies: BodyTable, h: float, work: Floats2) -> None:
 
 @compiled(lean=True)
 def apply_gravity(bodies: BodyTable, h: float) -> bool:
-    """Add the pull of gravity over h [s] to all velocities; return whether all are below `FASTEST`."""
+    """Add the change by gravity over h [s] to all velocities; return whether their sum is below `FASTEST`."""
     total, velocity = 0.0, bodies.velocity
     for b in range(len(velocity)):
         for i in range(3):
@@ -50,14 +51,14 @@ def apply_gravity(bodies: BodyTable, h: float) -> bool:
 
 @compiled(lean=True)
 def _turn(rotation: Floats2, angular: Floats1, inertia: Floats1, h: float, work: Floats2) -> None:
-    """Turn a body freely; see `integrate_bodies`.
+    """Rotate a body freely; see `integrate_bodies`.
 
     Args:
-        rotation: In the world, overwritten, shape (3, 3).
+        rotation: Rotation of the body in the world, overwritten, shape (3, 3).
         angular: Angular velocity in the world, overwritten, shape (3,) [rad/s].
         inertia: Principal moments, shape (3,) [kg m^2].
-        h: Time [s].
-        work: Memory, shape (>= 6, 3).
+        h: Length of the step [s].
+        work: Workspace, shape (>= 6, 3).
     """
     start, now, middle, turned = work[0], work[1], work[2], work[3:6]
     for i in range(3):
@@ -78,7 +79,7 @@ def _turn(rotation: Floats2, angular: Floats1, inertia: Floats1, h: float, work:
         if change <= 1e-15 * size:
             break
     for i in range(3):
-        middle[i] = 0.25 * h * (start[i] + now[i])  # half the turn
+        middle[i] = 0.25 * h * (start[i] + now[i])  # half the rotation vector
     x, y, z = middle[0], middle[1], middle[2]
     scale = 2.0 / (1.0 + x * x + y * y + z * z)
     for i in range(3):  # R (1 + scale (S + S^2)), S the cross product with the middle
@@ -95,7 +96,7 @@ def _turn(rotation: Floats2, angular: Floats1, inertia: Floats1, h: float, work:
 
 @compiled(lean=True)
 def _orthonormalize(turned: Floats2, rotation: Floats2) -> None:
-    """Write a rotation from one that has collected rounding errors, shape (3, 3) each."""
+    """Write the orthonormalized matrix of a rotation with rounding errors, shape (3, 3) each."""
     for row in range(2):
         for i in range(3):
             rotation[row, i] = turned[row, i]

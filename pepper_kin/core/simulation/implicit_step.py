@@ -1,4 +1,4 @@
-"""One step of time: semi-implicit Euler on articulated bodies, with all joint forces implicit.
+"""One timestep: semi-implicit Euler on articulated bodies, with all joint forces implicit.
 
 With step h, position q, velocity v, bias b(q, v) = C(q, v) v + g(q) and the force F_j(v_j+) of actuator,
 friction and stop on each joint at the end of the step (see `actuator_model`):
@@ -6,20 +6,20 @@ friction and stop on each joint at the end of the step (see `actuator_model`):
     v+ = v + h a,   q+ = q + h v+                     (semi-implicit, or symplectic, Euler)
     (M(q) + J) a + b(q, v) = F(v+) + load             (J: rotors; servo, friction and stops implicit)
 
-As no F_j rises, the step minimizes the strictly convex, piecewise quadratic function
+As no F_j increases, the step minimizes the strictly convex, piecewise quadratic function
 (w - v)^T (M + J) (w - v) / 2h + (b - load)^T w - sum of integrals of F_j, and so has exactly one solution.
-It is found by Newton's method: solve on the segments at the present velocities, take those at the
-solution, and repeat until they agree; mostly at once, as what saturates in a step did so in the step before.
-From the fourth round on the way to the new guess is searched exactly for the least value, after which the
+It is found by Newton's method: solve on the segments at the present velocities, take the segments at the
+solution, and repeat until they agree; mostly at once, as saturation rarely changes from step to step.
+From the fourth round on, an exact line search towards the new guess minimizes the function, after which the
 method ends in finitely many rounds.
 
-Robots are side by side in blocks of W, as many as a vector register holds (1 for a single robot).  Joint
-j of the robot in lane l of a block is element e = j W + l; m = n W.  The first guess is a kernel's,
-`RobotTables.step_kernel`.
+Robots are arranged in blocks of W lanes, as many as a vector register holds (1 for a single robot).  Joint
+j of the robot in lane l of a block is element e = j W + l; m = n W.  The kernel `RobotTables.step_kernel`
+computes the first guess.
 
 Source: Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), I.1.2 and VI.3; Featherstone,
 Rigid Body Dynamics Algorithms (2008), table 7.1; Sun, On piecewise quadratic Newton and trust region
-problems, Mathematical Programming 76 (1997), for the end of the rounds.
+problems, Mathematical Programming 76 (1997), for the finite number of rounds.
 """
 
 from __future__ import annotations
@@ -49,14 +49,15 @@ from pepper_kin.kernels.intrinsics import call_kernel
 from pepper_kin.kernels.signatures import Flags2, Floats1, Floats2, Floats3, Ints2
 
 RUNAWAY = 1e4
-"""Only by divergence does a joint get this fast [rad/s or m/s]."""
+"""Speed of a joint that only divergence reaches [rad/s or m/s]."""
 NEWTON_ROUNDS = 4
-"""After these the way to the next guess is searched for the least value."""
+"""Number of rounds after which the step to the next guess uses a line search."""
 MOST_ROUNDS = 60
 MOST_SEARCHED, NARROW = 50, 1e-15
-"""Points of the way that are looked at, and width of the bracket, as a share of the way, that ends it."""
+"""Maximum number of points of the line search, and width of the bracket, relative to the step, that ends
+it."""
 SAME_FORCE = 1e-9
-"""Agreement of actuator model and equation of motion [N m or N], and as a part of the force."""
+"""Tolerance of the force between actuator model and equation of motion, absolute [N m or N] and relative."""
 
 
 class RobotTables(NamedTuple):
@@ -67,9 +68,9 @@ class RobotTables(NamedTuple):
         lanes: W.
         step_kernel: Address of the kernel of a step on the first guess.
         solve_kernel: Address of the kernel that solves (M + diag(extra)) a = right.
-        law: Parameters of the joints, one row for each of `ActuatorTable`, and, where any has backlash or
-            gets warm, what `drive_state` remembers of them, shape (B, rows, m).
-        constant: What does not change in the step kernel's input, shape (B, c).
+        law: Parameters of the joints, one row for each of `ActuatorTable`, and, if any joint has backlash or
+            heats up, the rows of `drive_state`, shape (B, rows, m).
+        constant: Constant part of the step kernel's input, shape (B, c).
         places: Row and column of each entry of the mass matrix, shape (2, p).
     """
 
@@ -88,15 +89,15 @@ class StepWorkspace(NamedTuple):
     Attributes:
         step_input: Input of the step kernel, beginning with position, velocity, references, feed-forward,
             load (m each), then constants, shape (6 m + ...,).
-        step_output: Its output: next position, velocity and torque, servo, bias (m each), mass (p W),
-            violation (W), shape (5 m + p W + W,).
+        step_output: Output of the step kernel: next position, velocity and torque, servo, bias (m each), mass
+            (p W), violation (W), shape (5 m + p W + W,).
         work: Workspace of the kernels, shape (>= work_size,).
-        solve_input: Input of the kernel that solves: mass, extra and right, shape (p W + 2 m,).
-        solve_output: Its output, shape (m,).
-        rows: Intercept and slope of each joint's segment, velocities of the round before, M times the way to
-            the next guess, M times what was gone, 1 where a lane is open, and by how much forces were wrong,
-            shape (7, m).
-        flags: Which lanes are done, and which robots go on, shape (2, W).
+        solve_input: Input of the solving kernel: mass, extra and right, shape (p W + 2 m,).
+        solve_output: Output of the solving kernel, shape (m,).
+        rows: Intercept and slope of each joint's segment, velocities of the round before, (M + J) times the
+            step to the next guess, (M + J) times the change so far, 1 where a lane is open, and the error of
+            the forces, shape (7, m).
+        flags: Which lanes have converged, and which robots continue, shape (2, W).
     """
 
     step_input: Floats1
@@ -110,7 +111,7 @@ class StepWorkspace(NamedTuple):
 
 # Parts of `step_input` and `step_output`, m values each.
 Q, V, Q_REF, V_REF, FEEDFORWARD_TORQUE, LOAD, CONSTANT = 0, 1, 2, 3, 4, 5, 6
-CONSTANT_LIMIT = CONSTANT + 3  # torque limits, the fourth of the constants
+CONSTANT_LIMIT = CONSTANT + 3  # torque limits, the fourth constant
 NEXT_Q, NEXT_V, TORQUE, SERVO, BIAS, MASS = 0, 1, 2, 3, 4, 5
 # Rows of `rows` and `flags`.
 INTERCEPT, SLOPE, BEFORE, WAY, GONE, OPEN, WRONG = range(7)
@@ -122,9 +123,9 @@ def implicit_step(block: int, robots: RobotTables, space: StepWorkspace) -> bool
     """Take a step of a block from `step_input`; return whether the first guess was right for all lanes.
 
     Args:
-        block: Number of the block.
+        block: Index of the block.
         robots: The robots.
-        space: `step_output` receives the new state.
+        space: Input and workspace; `step_output` receives the new state.
     """
     step_input, step_output, lanes = space.step_input, space.step_output, robots.lanes
     call_kernel(robots.step_kernel, step_input.ctypes.data, step_output.ctypes.data, space.work.ctypes.data)
@@ -138,7 +139,7 @@ def implicit_step(block: int, robots: RobotTables, space: StepWorkspace) -> bool
 
 @compiled(lean=True)
 def is_sound(lane: int, lanes: int, space: StepWorkspace) -> bool:
-    """Return whether the new state of a lane is slower than `RUNAWAY` and not NaN."""
+    """Return whether the new state of a lane is slower than `RUNAWAY` and finite."""
     m, step_output = space.solve_output.size, space.step_output
     for e in range(lane, m, lanes):
         if not (abs(step_output[NEXT_V * m + e]) < RUNAWAY and abs(step_output[TORQUE * m + e]) < np.inf):
@@ -148,7 +149,7 @@ def is_sound(lane: int, lanes: int, space: StepWorkspace) -> bool:
 
 @compiled(lean=True)
 def all_sound(space: StepWorkspace) -> bool:
-    """Return whether `is_sound` holds for all lanes, by one pass in vectors."""
+    """Return whether `is_sound` holds for all lanes, in one vectorized pass."""
     m, step_output, wrong = space.solve_output.size, space.step_output, 0
     for e in range(m):
         good = abs(step_output[NEXT_V * m + e]) < RUNAWAY and abs(step_output[TORQUE * m + e]) < np.inf
@@ -162,16 +163,16 @@ def write_equation(
 ) -> None:
     """Write the step of a robot as one linear equation, mass_hat a = force.
 
-    mass_hat = M + J + h diag(k) and force = c - k v - b + load on the segments that the step was solved on,
-    which `write_segments` has written.
+    mass_hat = M + J + h diag(k) and force = c - k v - b + load on the segments on which the step was solved,
+    as written by `write_segments`.
 
     Args:
-        b: Its block.
-        lane: Its lane.
+        b: Index of the robot's block.
+        lane: Lane of the robot.
         robots: The robots.
-        space: Of the step.
-        mass_hat: Written, shape (n, n) [kg m^2 or kg].
-        force: Written, shape (n,) [N m or N].
+        space: Arrays of the step.
+        mass_hat: Output, shape (n, n) [kg m^2 or kg].
+        force: Output, shape (n,) [N m or N].
     """
     n, m, lanes, h, law = len(force), space.solve_output.size, robots.lanes, robots.timestep, robots.law[b]
     step_input, step_output = space.step_input, space.step_output
@@ -191,11 +192,11 @@ def write_equation(
 
 @compiled(lean=True)
 def write_segments(b: int, robots: RobotTables, space: StepWorkspace) -> None:
-    """Write the segments on which a step of block b was solved in the lanes whose first guess was right."""
+    """Write the segments on which a step of block b was solved, for lanes whose first guess was right."""
     m, h, law, lanes = space.solve_output.size, robots.timestep, robots.law[b], robots.lanes
     violation = space.step_output.size - lanes
     for lane in range(lanes):
-        if not space.step_output[violation + lane] <= 0.0:  # the others are written
+        if not space.step_output[violation + lane] <= 0.0:  # other lanes have been written
             continue
         for e in range(lane, m, lanes):
             v, servo = space.step_input[V * m + e], space.step_output[SERVO * m + e]
@@ -208,15 +209,15 @@ def write_segments(b: int, robots: RobotTables, space: StepWorkspace) -> None:
 
 @compiled(lean=True)
 def _solve_complementarity(robots: RobotTables, law: Floats2, space: StepWorkspace) -> None:
-    """Finish a step whose first guess is wrong: find the segments on which actuator model and motion agree.
+    """Complete a step whose first guess is wrong: find segments on which actuator model and motion agree.
 
-    Lanes on which the first guess is right keep it.  The others go on with the segments at the velocities
-    that it has led to.
+    Lanes whose first guess is right keep it.  Other lanes continue with the segments at the velocities of the
+    first guess.
 
     Args:
         robots: The robots.
         law: Parameters of the block, shape (rows, m).
-        space: `step_output` holds the first guess, and receives the result.
+        space: Arrays of the step; `step_output` holds the first guess, and receives the result.
     """
     m, h, lanes = space.solve_output.size, robots.timestep, robots.lanes
     violation, rows, step_output = space.step_output.size - lanes, space.rows, space.step_output
@@ -244,16 +245,15 @@ def _solve_complementarity(robots: RobotTables, law: Floats2, space: StepWorkspa
 
 @compiled(lean=True)
 def _look_up(h: float, turns: bool, law: Floats2, space: StepWorkspace) -> None:
-    """Write the torques and segments at the present velocities of lanes that are open, all at once.
+    """Write the torques and segments at the present velocities of open lanes, all at once.
 
-    In `rows` it is written, too, by how much the forces on the segments before were wrong, beyond what is
-    allowed.
+    The error of the forces on the segments before, beyond the tolerance, is written to `rows`.
 
     Args:
         h: Timestep [s].
         turns: Whether joints that have reversed since the round before get the segment of sticking.
         law: Parameters of the block, shape (rows, m).
-        space: Changed.
+        space: Arrays of the step, changed.
     """
     m, rows, step_input, step_output = (
         space.solve_output.size,
@@ -275,9 +275,9 @@ def _look_up(h: float, turns: bool, law: Floats2, space: StepWorkspace) -> None:
 
 @compiled(lean=True)
 def _all_agree(lanes: int, space: StepWorkspace) -> bool:
-    """Mark lanes whose forces were right; return whether all are."""
+    """Mark lanes whose forces were right as converged; return whether all lanes have converged."""
     m, all_agree, wrong = space.solve_output.size, True, 0
-    for e in range(m):  # in vectors: mostly all are
+    for e in range(m):  # vectorized: mostly all are right
         wrong += 0 if space.rows[WRONG, e] <= 0.0 else 1
     if wrong == 0:
         return True
@@ -322,7 +322,7 @@ def _next_guess(robots: RobotTables, law: Floats2, space: StepWorkspace) -> None
 
 @compiled(lean=True)
 def _line_search(lane: int, robots: RobotTables, law: Floats2, space: StepWorkspace) -> None:
-    """Go back on the way of a lane to the least of the step's convex function; `law` has shape (rows, m)."""
+    """Move a lane's new guess back to the minimum of the step's convex function; `law`: shape (rows, m)."""
     m, step_input, step_output, rows = (
         space.solve_output.size,
         space.step_input,
@@ -336,7 +336,7 @@ def _line_search(lane: int, robots: RobotTables, law: Floats2, space: StepWorksp
         way = step_output[NEXT_V * m + e] - rows[BEFORE, e]
         slope += way * (rows[GONE, e] / h + step_output[BIAS * m + e] - step_input[LOAD * m + e])
         curvature += way * rows[WAY, e] / h
-    # The slope rises piecewise linearly along the way: Newton's method, or halves where that leaves it.
+    # The derivative increases piecewise linearly: Newton's method, or bisection where it leaves the bracket.
     low, high, t = 0.0, 1.0, 1.0
     for _ in range(MOST_SEARCHED):
         rise, steep = slope + t * curvature, curvature

@@ -1,8 +1,8 @@
-"""Contact points of shapes: bounds for all pairs, then points for the few that are near.
+"""Contact points of shapes: bounds for all pairs, then points for the few pairs that are near.
 
-A contact of two shapes follows from faces and round ends where those decide: a face of one, cut by a face
-of the other (a manifold), or the nearest points of two segments.  Pairs of edges and corners, and of
-other shapes, are listed for the caller.
+A contact of two shapes is found from faces and round ends if these determine it: a face of one shape clipped
+by a face of the other (a manifold), or the nearest points of two segments.  Pairs of edges and corners, and
+pairs of other shapes, are listed for the caller.
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Ints1, Ints
 BALL, CAPSULE, BOX, CYLINDER, HALF_SPACE, OTHER = 0, 1, 2, 3, 4, 5
 """Kinds of shapes; contacts of OTHER are left to the caller."""
 STANDS, ON_ROBOT, FREE = 0, 1, 2
-"""What moves a shape: nothing, a joint of the robot, or its own velocity."""
+"""Movers of a shape: none, a joint of the robot, or the shape's own velocity."""
 OPEN = -1
-"""Returned where neither faces nor round ends decide."""
+"""Result if neither faces nor round ends determine the contact."""
 FACE_TOLERANCE = 1e-4
-"""A manifold counts if its lowest point is as low as the other shape reaches, within this [m]."""
+"""Tolerance by which a manifold's lowest point may be above the lower bound of the distance [m]."""
 MARGIN = 2e-3
-"""Points this near count as contacts whatever their speed [m]."""
+"""Distance below which points count as contacts at any speed [m]."""
 MOST_POINTS = 256
-"""Contact points at one time."""
+"""Maximum number of contact points at one time."""
 OUTLINE_ROWS = 16
-"""Rows that an outline needs while it is cut."""
+"""Maximum number of rows of an outline while it is clipped."""
 WORK_ROWS = 2 * OUTLINE_ROWS + 12
-"""Vectors of memory: those of the innermost function, then what calls it, then two outlines."""
+"""Vectors of workspace: of the innermost function, then of its callers, then two outlines."""
 
 
 class ShapeTable(NamedTuple):
@@ -37,24 +37,24 @@ class ShapeTable(NamedTuple):
 
     Attributes:
         kind: BALL ... OTHER, shape (k,).
-        size: Radius of a ball; radius and half the segment of a capsule; half lengths of a box; radius and
+        size: Radius of a sphere; radius and half the segment of a capsule; half lengths of a box; radius and
             half the length of a cylinder; offset of a half-space, shape (k, 3) [m].
         mover: STANDS, ON_ROBOT or FREE, shape (k,).
-        owner: Joint or free body that moves it, shape (k,).
-        of_robot: 1 where it is a part of the robot or hangs on it, else 0, shape (k,).
-        own_rotation: In the frame of that joint or body, shape (k, 3, 3).
-        own_position: In that frame [m], shape (k, 3).
-        own_middle: Center of its bounding ball in the frame of that joint or body [m], shape (k, 3).
-        ball: Center, in the shape's frame, and radius of its bounding ball [m], shape (k, 4).
-        placed: Whether its pose in the world is written, shape (k,); overwritten.
-        rotation: In the world, overwritten where it may touch, shape (k, 3, 3).
-        position: In the world [m], overwritten, shape (k, 3).
-        middle: Center of the bounding ball in the world [m], overwritten, shape (k, 3).
-        speed: Bound on the speed of any point of it [m/s], overwritten, shape (k,).
-        pairs: Rows of shapes that may meet, that which moves first, shape (p, 2); those without the robot
+        owner: Joint or free body that moves the shape, shape (k,).
+        of_robot: 1 if the shape is a part of the robot or attached to it, else 0, shape (k,).
+        own_rotation: Rotation in the frame of the owner, shape (k, 3, 3).
+        own_position: Position in the frame of the owner [m], shape (k, 3).
+        own_middle: Center of the bounding sphere in the frame of the owner [m], shape (k, 3).
+        ball: Center, in the shape's frame, and radius of the bounding sphere [m], shape (k, 4).
+        placed: Whether the pose in the world has been written, shape (k,); overwritten.
+        rotation: Rotation in the world, overwritten if the shape may touch, shape (k, 3, 3).
+        position: Position in the world [m], overwritten, shape (k, 3).
+        middle: Center of the bounding sphere in the world [m], overwritten, shape (k, 3).
+        speed: Bound on the speed of any point of the shape [m/s], overwritten, shape (k,).
+        pairs: Rows of shapes that may collide, the moving shape first, shape (p, 2); pairs without the robot
             come first.
-        alone: How many are without the robot, shape (1,).
-        friction: Coefficient of each, shape (k,).
+        alone: Number of pairs without the robot, shape (1,).
+        friction: Friction coefficient of each shape, shape (k,).
     """
 
     kind: Ints1
@@ -77,15 +77,15 @@ class ShapeTable(NamedTuple):
 
 
 class BodyTable(NamedTuple):
-    """Free bodies; position, rotation and velocity are moved.
+    """Free bodies; position, rotation and velocity change.
 
     Attributes:
-        position: Of the centers in the world [m], shape (b, 3).
-        rotation: In the world, shape (b, 3, 3).
-        velocity: Of the center [m/s] and of the turning [rad/s], in the world, shape (b, 6).
-        mass: [kg], shape (b,).
+        position: Centers in the world [m], shape (b, 3).
+        rotation: Rotations in the world, shape (b, 3, 3).
+        velocity: Velocity of the center [m/s] and angular velocity [rad/s], in the world, shape (b, 6).
+        mass: Masses [kg], shape (b,).
         inertia: Principal moments about the axes of the body [kg m^2], shape (b, 3).
-        gravity: In the world [m/s^2], shape (b, 3).
+        gravity: Acceleration of gravity in the world [m/s^2], shape (b, 3).
     """
 
     position: Floats2
@@ -97,16 +97,17 @@ class BodyTable(NamedTuple):
 
 
 class ContactPoints(NamedTuple):
-    """Points where shapes touch, or could during the step.
+    """Points where shapes touch, or could touch during the step.
 
     Attributes:
-        rows: Point, normal (from the second shape to the first) and gap [m], shape (MOST_POINTS, 7); point
-            halfway between the surfaces, or on the first where there is a gap and the second is not free.
+        rows: Point, normal (from the second shape to the first) and gap [m], shape (MOST_POINTS, 7); the
+            point is halfway between the surfaces, or on the first if there is a gap and the second is not
+            free.
         shapes: The two shapes of each point, shape (MOST_POINTS, 2).
         undecided: Pairs that neither faces nor round ends decide, shape (MOST_POINTS, 2).
-        room: Memory for their problem, see `contact_solver.room_for`.
-        columns: Memory, one for each free body, shape (b,).
-        work: Memory, shape (WORK_ROWS, 3).
+        room: Memory for the contact problem, see `contact_solver.room_for`.
+        columns: Memory, one entry for each free body, shape (b,).
+        work: Workspace, shape (WORK_ROWS, 3).
     """
 
     rows: Floats2
@@ -121,7 +122,7 @@ Vector: TypeAlias = tuple[float, float, float]
 
 
 class PlacedShape(NamedTuple):
-    """A shape in the world: a row of `ShapeTable`, with shapes (3,), (3, 3) and (3,); and memory."""
+    """A shape in the world: a row of `ShapeTable`, with shapes (3,), (3, 3) and (3,); and workspace."""
 
     kind: int
     size: Floats1
@@ -132,9 +133,9 @@ class PlacedShape(NamedTuple):
 
 @compiled(lean=True)
 def bound_shapes(shapes: ShapeTable, at: TreeMotion, bodies: BodyTable, robot: bool) -> None:
-    """Write the bounding ball of every shape that moves, and a bound on its speed; see `ShapeTable`.
+    """Write the bounding sphere of every moving shape, and a bound on its speed; see `ShapeTable`.
 
-    Without `robot`, those of free bodies alone.
+    Without `robot`, only shapes of free bodies are written.
     """
     for s in range(len(shapes.mover)):
         if shapes.mover[s] == STANDS or (shapes.mover[s] == ON_ROBOT and not robot):
@@ -162,7 +163,7 @@ def bound_shapes(shapes: ShapeTable, at: TreeMotion, bodies: BodyTable, robot: b
 
 @compiled(lean=True)
 def _place(s: int, shapes: ShapeTable, at: TreeMotion, bodies: BodyTable) -> None:
-    """Write the pose of a shape, if it was not written since `bound_shapes`."""
+    """Write the pose of a shape, unless it has been written since `bound_shapes`."""
     if shapes.placed[s] != 0:
         return
     shapes.placed[s] = 1
@@ -183,19 +184,19 @@ def _place(s: int, shapes: ShapeTable, at: TreeMotion, bodies: BodyTable) -> Non
 def find_contacts(
     shapes: ShapeTable, at: TreeMotion, bodies: BodyTable, h: float, points: ContactPoints, robot: bool
 ) -> tuple[int, int, float]:
-    """Write all contacts that faces and round ends decide, and the pairs that they do not.
+    """Write all contacts that faces and round ends determine, and the pairs that they leave undecided.
 
     Args:
-        shapes: The shapes, bounded by `bound_shapes`; those that may touch are placed.
-        at: Where the robot's joints are.
+        shapes: The shapes, bounded by `bound_shapes`; poses of shapes that may touch are written.
+        at: Poses of the robot's joints.
         bodies: The free bodies.
         h: Length of the step [s].
-        points: Written.
-        robot: Whether pairs with the robot are looked at.
+        points: Output.
+        robot: Whether pairs with the robot are tested.
 
     Returns:
-        Number of points, -1 if the arrays are too small for them, and of undecided pairs; and how far the
-        robot is from all else at least [m], 0 where something is near.
+        The number of points, -1 if the arrays are too small; the number of undecided pairs; and a lower bound
+        of the robot's distance from all else [m], 0 if something is near.
     """
     found, left, apart = 0, 0, math.inf
     for p in range(len(shapes.pairs) if robot else shapes.alone[0]):
@@ -249,7 +250,7 @@ def find_contacts(
             if swapped:
                 for m in range(3, 6):
                     points.rows[k, m] = -points.rows[k, m]
-            if points.rows[k, 6] > 0.0 and shapes.mover[j] != FREE:  # it will touch where its surface is now
+            if points.rows[k, 6] > 0.0 and shapes.mover[j] != FREE:  # contact will be on the second's surface
                 for m in range(3):
                     points.rows[k, m] += 0.5 * points.rows[k, 6] * points.rows[k, 3 + m]
         found += new
@@ -258,13 +259,13 @@ def find_contacts(
 
 @compiled(lean=True, inline=True)
 def _solid(shapes: ShapeTable, row: int, work: Floats2) -> PlacedShape:
-    """Return a shape where it is, with memory of shape (WORK_ROWS, 3)."""
+    """Return a placed shape, with workspace of shape (WORK_ROWS, 3)."""
     return PlacedShape(shapes.kind[row], shapes.size[row], shapes.rotation[row], shapes.position[row], work)
 
 
 @compiled(lean=True)
 def _height_above(solid: PlacedShape, middle: Floats1, radius: float) -> float:
-    """Return a lower bound of the distance of a ball, center shape (3,), from a half-space or a box [m]."""
+    """Return a lower bound of the distance of a sphere, center shape (3,), from a half-space or a box [m]."""
     if solid.kind == HALF_SPACE:
         height = -solid.size[0] - radius
         for i in range(3):
@@ -281,7 +282,7 @@ def _height_above(solid: PlacedShape, middle: Floats1, radius: float) -> float:
 
 @compiled(lean=True)
 def _extent(solid: PlacedShape, x: float, y: float, z: float) -> float:
-    """Return how far a shape reaches beyond its center along a unit vector (x, y, z), and against it [m]."""
+    """Return how far a shape extends from its center along a unit vector (x, y, z) and its opposite [m]."""
     kind, size, rotation = solid.kind, solid.size, solid.rotation
     if kind == BALL:
         return size[0]
@@ -306,14 +307,14 @@ def _write_corner(
 
 @compiled(lean=True)
 def _rim(solid: PlacedShape, axis: Floats1, along: float, d: Floats1, points: Floats2) -> int:
-    """Write the end or the side of a cylinder that faces along d; return how many points.
+    """Write the end or the side of a cylinder that faces along d; return the number of points.
 
     Args:
         solid: The cylinder.
-        axis: Its axis in the world, shape (3,).
+        axis: Axis of the cylinder in the world, shape (3,).
         along: d . axis.
         d: Unit vector, shape (3,).
-        points: Written, shape (4, 3) [m].
+        points: Output, shape (4, 3) [m].
     """
     size, center = solid.size, solid.position
     outward, side = solid.work[0], solid.work[1]
@@ -323,7 +324,7 @@ def _rim(solid: PlacedShape, axis: Floats1, along: float, d: Floats1, points: Fl
         if abs(axis[i]) < abs(axis[least]):
             least = i
     length = math.sqrt(outward[0] ** 2 + outward[1] ** 2 + outward[2] ** 2)
-    if length < 1e-12:  # d along the axis: any radius will do
+    if length < 1e-12:  # d along the axis: any radius is valid
         for i in range(3):
             outward[i] = -axis[least] * axis[i]
         outward[least] += 1.0
@@ -348,15 +349,15 @@ def _rim(solid: PlacedShape, axis: Floats1, along: float, d: Floats1, points: Fl
 
 @compiled(lean=True)
 def _supporting_feature(solid: PlacedShape, d: Floats1, points: Floats2) -> int:
-    """Write the point, the ends of the line or the corners of the face of a shape that is farthest along d.
+    """Write the feature of a shape that is farthest along d: a point, a line's ends or a face's corners.
 
     Args:
         solid: The shape.
         d: Unit vector in the world, shape (3,).
-        points: Written, shape (4, 3) [m].
+        points: Output, shape (4, 3) [m].
 
     Returns:
-        How many points: 1 of a ball, 2 of a capsule or of a cylinder's side, 4 of a box's face or of a
+        The number of points: 1 for a sphere, 2 for a capsule or a cylinder's side, 4 for a box's face or a
         cylinder's end, in the order of their outline.
     """
     kind, size, rotation, center = solid.kind, solid.size, solid.rotation, solid.position
@@ -391,15 +392,15 @@ def _supporting_feature(solid: PlacedShape, d: Floats1, points: Floats2) -> int:
 
 @compiled(lean=True)
 def _clip_outline(outline: Floats2, count: int, half_u: float, half_v: float, work: Floats2) -> int:
-    """Cut an outline of rows (u, v, height) by |u| <= half_u and |v| <= half_v, in place.
+    """Clip an outline of rows (u, v, height) by |u| <= half_u and |v| <= half_v, in place.
 
     One row is a point, two are a line, more a convex polygon (Sutherland and Hodgman 1974).
 
     Args:
-        outline: In its first `count` rows, shape (OUTLINE_ROWS, 3) [m].
+        outline: Outline in the first `count` rows, shape (OUTLINE_ROWS, 3) [m].
         count: Number of rows.
         half_u: Half length of the rectangle along u [m].
-        half_v: Half length along v [m].
+        half_v: Half length of the rectangle along v [m].
         work: Workspace, shape (OUTLINE_ROWS, 3).
 
     Returns:
@@ -440,10 +441,10 @@ def _clip_outline(outline: Floats2, count: int, half_u: float, half_v: float, wo
 
 @compiled(lean=True)
 def _reduce_outline(outline: Floats2, count: int, work: Floats2) -> int:
-    """Keep at most four rows (u, v, height), in place: the lowest and those that span the largest area.
+    """Keep at most four rows (u, v, height), in place: the lowest and the rows that span the largest area.
 
     Args:
-        outline: In its first `count` rows, shape (OUTLINE_ROWS, 3) [m].
+        outline: Outline in the first `count` rows, shape (OUTLINE_ROWS, 3) [m].
         count: Number of rows.
         work: Workspace, shape (OUTLINE_ROWS, 3).
 
@@ -483,7 +484,7 @@ def _reduce_outline(outline: Floats2, count: int, work: Floats2) -> int:
 
 @compiled(lean=True)
 def _write_contact(row: Floats1, point: Vector, normal: Vector, gap: float) -> None:
-    """Write a row of shape (7,), its point halfway between the surfaces, from that on the second shape."""
+    """Write a contact row, shape (7,), halfway between the surfaces, from a point on the second shape."""
     half = 0.5 * gap
     (x, y, z), (nx, ny, nz) = point, normal
     row[0], row[1], row[2] = x + half * nx, y + half * ny, z + half * nz
@@ -492,7 +493,7 @@ def _write_contact(row: Floats1, point: Vector, normal: Vector, gap: float) -> N
 
 @compiled(lean=True)
 def _on_plane(solid: PlacedShape, plane: PlacedShape, margin: float, rows: Floats2) -> int:
-    """Write contacts of a shape with a half-space to rows of shape (>= 4, 7); the normal leaves the plane."""
+    """Write contacts of a shape with a half-space, shape (>= 4, 7); return their number."""
     x, y, z = plane.rotation[0, 2], plane.rotation[1, 2], plane.rotation[2, 2]
     height = plane.size[0] + x * plane.position[0] + y * plane.position[1] + z * plane.position[2]
     p = solid.position
@@ -533,7 +534,7 @@ def _across(u: Floats1, w: Floats1, normal: Floats1) -> None:
 
 @compiled(lean=True)
 def _of_round(solid: PlacedShape, other: PlacedShape, margin: float, rows: Floats2) -> int:
-    """Write the contact, shape (>= 1, 7), of two balls or capsules, where their segments are nearest."""
+    """Write the contact, shape (>= 1, 7), of two spheres or capsules where their segments are nearest."""
     size, other_size = solid.size, other.size
     work = solid.work
     u, w, apart, normal = work[0], work[1], work[2], work[3]
@@ -545,7 +546,7 @@ def _of_round(solid: PlacedShape, other: PlacedShape, margin: float, rows: Float
         apart[i] = solid.position[i] - other.position[i]
         uu, ww, uw = uu + u[i] * u[i], ww + w[i] * w[i], uw + u[i] * w[i]
         ud, wd = ud + u[i] * apart[i], wd + w[i] * apart[i]
-    # |apart + s u - t w| least over s, t in [-1, 1]: free, then one clamped after the other
+    # Minimize |apart + s u - t w| over s, t in [-1, 1]: without bounds, then clamp one after the other
     # (Ericson, Real-Time Collision Detection, 2005, 5.1.9)
     across = uu * ww - uw * uw
     s = 0.0
@@ -561,7 +562,7 @@ def _of_round(solid: PlacedShape, other: PlacedShape, margin: float, rows: Float
     gap = length - size[0] - other_size[0]
     if gap > margin:
         return 0
-    if length <= 1e-12:  # the segments meet: any way across both parts the two
+    if length <= 1e-12:  # the segments intersect: any perpendicular direction separates the two
         _across(u, w, normal)
         length = 1.0
     for i in range(3):
@@ -573,7 +574,7 @@ def _of_round(solid: PlacedShape, other: PlacedShape, margin: float, rows: Float
 
 @compiled(lean=True)
 def _best_face(solid: PlacedShape, box: PlacedShape) -> tuple[float, int, int]:
-    """Return how far a shape is above that face of a box which it is farthest above; its axis and sign."""
+    """Return a shape's maximum height above a face of a box [m], and that face's axis and sign."""
     best, face, sign = -math.inf, 0, 1
     for k in range(3):
         x, y, z = box.rotation[0, k], box.rotation[1, k], box.rotation[2, k]
@@ -587,7 +588,7 @@ def _best_face(solid: PlacedShape, box: PlacedShape) -> tuple[float, int, int]:
 
 @compiled(lean=True)
 def _ball_on_corner(ball: PlacedShape, box: PlacedShape, margin: float, rows: Floats2) -> int:
-    """Write the contact, shape (>= 1, 7), of a ball, center outside, with the nearest point of a box."""
+    """Write the contact, shape (>= 1, 7), of a sphere, center outside, with the nearest point of a box."""
     center, box_size, box_rotation, box_center = ball.position, box.size, box.rotation, box.position
     nearest, normal = ball.work[0], ball.work[1]
     for i in range(3):
@@ -613,7 +614,7 @@ def _ball_on_corner(ball: PlacedShape, box: PlacedShape, margin: float, rows: Fl
 
 
 class _Face(NamedTuple):
-    """A face of a box, and how far another shape is above it."""
+    """A face of a box, and the height of another shape above it [m]."""
 
     axis: int
     sign: int
@@ -624,9 +625,9 @@ class _Face(NamedTuple):
 def _on_face(
     solid: PlacedShape, box: PlacedShape, face: _Face, margin: float, sense: float, rows: Floats2
 ) -> int:
-    """Write contacts of a shape with a face of a box to rows of shape (>= 4, 7).
+    """Write contacts of a shape with a face of a box to rows, shape (>= 4, 7); return their number or OPEN.
 
-    `sense` is -1 where the box is the first of the two.
+    `sense` is -1 if the box is the first of the two shapes.
     """
     box_size, box_rotation, box_center, k = box.size, box.rotation, box.position, face.axis
     first, second = (k + 1) % 3, (k + 2) % 3
@@ -675,10 +676,11 @@ def _on_face(
 
 @compiled(lean=True)
 def _on_box(solid: PlacedShape, box: PlacedShape, margin: float, rows: Floats2) -> int:
-    """Write contacts of a shape with a box to rows of shape (>= 4, 7).
+    """Write contacts of a shape with a box to rows, shape (>= 4, 7); return their number or OPEN.
 
-    The shape is at least as far from the box as above any face of either.  Where its lowest point above the
-    best face lies over that face, it is no farther, and the face's normal is that of the contact.
+    The distance from the box is at least the height above any face of either shape.  If the lowest point
+    above the best face lies over that face, the distance is equal to it, and the contact normal is the
+    face's.
     """
     gap, axis, sign = _best_face(solid, box)
     if gap > margin:

@@ -1,4 +1,4 @@
-"""Balls near boxes: a quick test before distances are measured."""
+"""Fast test of spheres near boxes, before distances are measured."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ class Boxes(NamedTuple):
     """Boxes in the world, each grown by a distance.
 
     Attributes:
-        pose: Of the frame of each, transform_frame_to_world, shape (m, 4, 4).
-        middle: In its frame [m], shape (m, 3).
-        half: Half lengths along the axes of its frame [m], infinite ones too, shape (m, 3).
-        grown: [m], shape (m,).
+        pose: Pose of each box's frame, transform_frame_to_world, shape (m, 4, 4).
+        middle: Center of each box in its frame [m], shape (m, 3).
+        half: Half lengths along the axes of the frame [m], may be infinite, shape (m, 3).
+        grown: Distance by which each box is grown [m], shape (m,).
     """
 
     pose: Floats3
@@ -26,12 +26,12 @@ class Boxes(NamedTuple):
 
 @compiled("int64(float64[:, ::1], Boxes, int64[:, ::1])")
 def balls_near_boxes(balls: Floats2, boxes: Boxes, pairs: Ints2) -> int:
-    """Find the balls that reach grown boxes.
+    """Find the spheres that reach grown boxes.
 
     Args:
         balls: Centers and radii [m], shape (k, 4).
         boxes: The boxes.
-        pairs: Written: ball and box, in the order of balls, shape (k m, 2).
+        pairs: Output: sphere and box, in the order of the spheres, shape (k m, 2).
 
     Returns:
         Number of pairs.

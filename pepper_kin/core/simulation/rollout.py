@@ -1,4 +1,4 @@
-"""Rollouts over time: robots of one kind, or one robot in contact with its world."""
+"""Rollouts over time: many robots of one kind, or one robot in contact with its world."""
 
 from __future__ import annotations
 
@@ -40,17 +40,17 @@ from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Ints1
 
 DONE = -1
-"""Returned where no step of the world failed."""
+"""Result if no step of the world failed."""
 
 
 class Span(NamedTuple):
-    """Part of the work to do.
+    """Range of steps and blocks to process.
 
     Attributes:
         steps: Number of steps T.
-        every: Steps between rows of the log.
-        first: First block.
-        last: The block after the last.
+        every: Number of steps between rows of the log.
+        first: Index of the first block.
+        last: Index after the last block.
     """
 
     steps: int
@@ -63,10 +63,10 @@ class Inputs(NamedTuple):
     """Inputs of the robots, shape (N, T, n) each, or in the order of elements and for all, (1, T, m).
 
     Attributes:
-        position: Reference for the end of each step [rad or m].
-        velocity: Reference [rad/s or m/s].
+        position: Reference position for the end of each step [rad or m].
+        velocity: Reference velocity [rad/s or m/s].
         feedforward: Feed-forward or effort [N m or N]; T may be 1, for all steps.
-        load: From outside [N m or N]; T may be 1, for all steps.
+        load: External load [N m or N]; T may be 1, for all steps.
     """
 
     position: Floats3
@@ -79,10 +79,11 @@ class Log(NamedTuple):
     """Recorded motion of robots.
 
     Attributes:
-        position: At the start and after every `every`-th step, and in the row after the last good one the
-            state that diverged, shape (N, 1 + ceil(T / every), n); the first row is the caller's [rad or m].
-        velocity: The same [rad/s or m/s], of the same shape.
-        torque: The same [N m or N], of the same shape.
+        position: Positions at the start and after every `every`-th step; the row after a robot's last good
+            one has the state that diverged; shape (N, 1 + ceil(T / every), n); the caller writes the first
+            row [rad or m].
+        velocity: Velocities in the same rows [rad/s or m/s], shape (N, 1 + ceil(T / every), n).
+        torque: Torques in the same rows [N m or N], shape (N, 1 + ceil(T / every), n).
         good: Number of good steps of each robot, shape (N,).
     """
 
@@ -104,17 +105,17 @@ def rollout(
 ) -> int:
     """Advance some blocks of robots by a number of steps.
 
-    With a world, there is one robot.  Each step without contacts is an input of the world's step, as one
-    linear equation.  Where that adds no load, the step is taken as it is; otherwise again with the load.
+    With a world, there is one robot.  Each step without contacts is passed to the world's step as one linear
+    equation.  If the contacts add no load, the step is accepted; otherwise it is repeated with the load.
 
     Args:
-        span: Which steps and blocks.
+        span: Steps and blocks.
         robots: The robots.
-        space: Arrays to write to.
+        space: Workspace.
         inputs: Inputs of the robots.
         state: Position, velocity and torque, shape (3, B, m); overwritten by the result.
-        log: Written.
-        world: What the robot may touch.
+        log: Output.
+        world: World that the robot may touch.
 
     Returns:
         DONE, or the outcome of the world's step that failed.
@@ -130,7 +131,7 @@ def _advance_blocks(
     span: Span, robots: RobotTables, space: StepWorkspace, inputs: Inputs, state: Floats3, log: Log,
     world: WorldTables, equation: FreeStep,
 ) -> int:  # fmt: skip
-    """Do what `rollout` does, with arrays for a step's linear equation; arguments and shapes are the same."""
+    """Carry out `rollout`, with arrays for a step's linear equation; arguments and shapes are the same."""
     m, lanes, status = state.shape[2], robots.lanes, DONE
     step_input, step_output = space.step_input, space.step_output
     coupled = world.kind != NO_WORLD
@@ -181,12 +182,12 @@ def linearized_step(robots: RobotTables, space: StepWorkspace, mass_hat: Floats2
 
     Args:
         robots: The robot.
-        space: Its arrays.
-        mass_hat: Written, see `write_equation`, shape (n, n).
-        force: Written, shape (n,).
+        space: Arrays of the robot.
+        mass_hat: Output, see `write_equation`, shape (n, n).
+        force: Output, shape (n,).
 
     Returns:
-        Whether the new state is sound.
+        Whether the new state is finite and not diverging.
     """
     if remembers(robots.law):
         hold_in_play(0, robots.law, space.step_input)
@@ -201,28 +202,28 @@ def couple(
     b: int, lane: int, robots: RobotTables, space: StepWorkspace, world: WorldTables, equation: FreeStep,
     q: Floats1, near: bool,
 ) -> tuple[int, bool, float]:  # fmt: skip
-    """Take the step of a robot's world, and add its load to that of the robot's step.
+    """Take the step of a robot's world, and add the contact load to the load of the robot's step.
 
     Args:
-        b: The robot's block.
-        lane: Its lane.
+        b: Index of the robot's block.
+        lane: Lane of the robot.
         robots: The robots.
-        space: Of the step, with its segments; changed.
-        world: What the robot may touch; changed.
-        equation: Its velocity, and memory for its linear equation.
-        q: Its position [rad or m], shape (n,).
-        near: Whether it may be near anything.
+        space: Arrays of the step, with its segments; changed.
+        world: World that the robot may touch; changed.
+        equation: Velocity of the robot, and memory for its linear equation.
+        q: Position of the robot [rad or m], shape (n,).
+        near: Whether the robot may be near anything.
 
     Returns:
-        The outcome of the world's step, whether the robot's is to be taken again, and how far the robot is
-        from all else at least [m].
+        The outcome of the world's step, whether the robot's step has to be repeated, and a lower bound of the
+        robot's distance from all else [m].
     """
     n, m, lanes, h = q.size, space.solve_output.size, robots.lanes, robots.timestep
     unsound, apart = not is_sound(lane, lanes, space), 0.0
     if unsound or world.kind == CALLBACK:
         write_equation(b, lane, robots, space, equation.mass_hat, equation.force)
         if unsound and not _is_finite(equation.force):
-            return SOLVED, False, 0.0  # the robot's own motion diverged, not its contacts
+            return SOLVED, False, 0.0  # the robot's own motion diverged, not the contacts
     if world.kind == CALLBACK:
         outcome = step_by_callback(world, q, equation, h)
     else:
@@ -244,7 +245,7 @@ def couple(
 
 @compiled(lean=True)
 def _is_finite(values: Floats1) -> bool:
-    """Whether all numbers, shape (k,), are finite."""
+    """Return whether all numbers, shape (k,), are finite."""
     total = 0.0
     for e in range(values.size):
         total += 0.0 * values[e]
@@ -253,7 +254,7 @@ def _is_finite(values: Floats1) -> bool:
 
 @compiled(lean=True)
 def _read_inputs(b: int, k: int, robots: RobotTables, inputs: Inputs, step_input: Floats1) -> None:
-    """Write the inputs of step k of block b into the kernel's, shape (> 6 m,), see `StepWorkspace`.
+    """Write the inputs of step k of block b into the kernel's input, shape (> 6 m,), see `StepWorkspace`.
 
     Feed-forward that is constant in time is written in the first step only.
     """
@@ -271,14 +272,14 @@ def _read_inputs(b: int, k: int, robots: RobotTables, inputs: Inputs, step_input
 
 @compiled(lean=True)
 def _copy(source: Floats1, target: Floats1) -> None:
-    """Copy an array, shape (k,): with its length and no offset, the compiler uses vectors."""
+    """Copy an array, shape (k,): with known length and no offset, the compiler vectorizes it."""
     for e in range(source.size):
         target[e] = source[e]
 
 
 @compiled(lean=True)
 def _spread(b: int, k: int, lanes: int, values: Floats3, step_input: Floats1) -> None:
-    """Write one step's values, of shape (N or 1, T or 1, n or m), in the order of elements, shape (m,)."""
+    """Write one step's values, shape (N or 1, T or 1, n or m), in the order of elements, shape (m,)."""
     robots, steps, n = values.shape
     row = min(k, steps - 1)
     if robots == 1:
@@ -292,7 +293,7 @@ def _spread(b: int, k: int, lanes: int, values: Floats3, step_input: Floats1) ->
 
 @compiled(lean=True)
 def _stop_unsound(b: int, k: int, row: int, robots: RobotTables, space: StepWorkspace, log: Log) -> int:
-    """Stop robots whose new state is not sound, and return how many of the block's are left."""
+    """Stop robots whose new state is not sound; return how many of the block's robots are left."""
     m, lanes, step_output, flags = space.solve_output.size, robots.lanes, space.step_output, space.flags
     left = 0
     for lane in range(lanes):
@@ -304,7 +305,7 @@ def _stop_unsound(b: int, k: int, row: int, robots: RobotTables, space: StepWork
                 _write_lane(robot, lane, row, lanes, space, log)
         if flags[ALIVE, lane]:
             left += 1
-        else:  # it keeps its last finite state
+        else:  # the robot keeps its last finite state
             for e in range(lane, 2 * m, lanes):
                 step_output[e] = space.step_input[e]
     return left
@@ -312,7 +313,7 @@ def _stop_unsound(b: int, k: int, row: int, robots: RobotTables, space: StepWork
 
 @compiled(lean=True)
 def _write_log(b: int, row: int, lanes: int, space: StepWorkspace, log: Log) -> None:
-    """Write the new states of a block's robots that go on to a row of the log."""
+    """Write the new states of a block's remaining robots to a row of the log."""
     if lanes == 1:
         n = space.solve_output.size
         _copy(space.step_output[:n], log.position[b, row])

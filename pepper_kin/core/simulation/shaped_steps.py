@@ -1,4 +1,4 @@
-"""Robots that are sent targets, as `setAngles` does: commands are shaped, and robots stepped, in one call."""
+"""Robots that move to targets as with `setAngles`: commands are shaped, and robots stepped, in one call."""
 
 from __future__ import annotations
 
@@ -33,24 +33,24 @@ from pepper_kin.core.simulation.target_following import time_to_target
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Ints1, Ints2
 
-# Rows of the state.
+# Row indices of the state.
 POSITION, VELOCITY, EFFORT, COMMAND, COMMAND_SPEED, TARGET, FROM_OUTSIDE, STATE_ROWS = range(8)
 HELD_COMMANDS, LINEAR, SHAPED = range(3)
-"""How commands go to their targets: at once, evenly during all steps, or along the cubic of
+"""Shapes of commands towards their targets: held at the target, linear over all steps, or along the cubic of
 `target_following`."""
-# Columns of `Bodies.rows`.
+# Column indices of `Bodies.rows`.
 ROTATION, MOTION, MASS, INERTIA, FRICTION, BODY = 3, 12, 18, 19, 22, 23
 
 
 class Steps(NamedTuple):
-    """What is to be done.
+    """Range of steps and blocks to process, and the shape of commands.
 
     Attributes:
-        first: First block.
-        last: The block after the last.
+        first: Index of the first block.
+        last: Index after the last block.
         steps: Number of steps.
         kind: HELD_COMMANDS, LINEAR or SHAPED.
-        clock: Steps taken before, since `Sent` was made.
+        clock: Number of steps taken before, since `Sent` was made.
     """
 
     first: int
@@ -61,14 +61,14 @@ class Steps(NamedTuple):
 
 
 class Sent(NamedTuple):
-    """How commands are shaped, and those on their way, for B blocks of m elements.
+    """Shaping and delay of commands, for B blocks of m elements.
 
     Attributes:
-        limits: Greatest speed and acceleration of shaped commands, shape (2, m).
-        curve: Of the commands of one block: time, speed at the start, and coefficients of t^2 and t^3, shape
-            (4, m); written.
-        delay: Steps after which a command arrives, below R where R is above 0, shape (B, m).
-        waiting: Position and velocity of the last R commands, (R, 2 B, m); R is 0 where none is late.
+        limits: Maximum speed and acceleration of shaped commands, shape (2, m).
+        curve: Curve of one block's commands: time, speed at the start, and coefficients of t^2 and t^3, shape
+            (4, m); output.
+        delay: Number of steps after which a command arrives, below R if R is above 0, shape (B, m).
+        waiting: Position and velocity of the last R commands, shape (R, 2 B, m); R is 0 without delays.
     """
 
     limits: Floats2
@@ -78,16 +78,16 @@ class Sent(NamedTuple):
 
 
 class RobotWorlds(NamedTuple):
-    """What N robots find around themselves, each in a separate world.
+    """Free bodies and contacts of N robots, each in a separate world.
 
     Attributes:
-        rows: Of each of b bodies position, rotation, velocity, mass, inertia and friction, as in `BodyTable`
-            and `ShapeTable`, shape (N, b, BODY); moved.
-        wrench: Mean force [N] of contacts on each robot and moment about the world's origin [N m], (N, 6);
-            written.
-        outcome: Of the world's last step, shape (N,); written.
-        apart: How far each robot is from all else at least [m], shape (N,); changed.
-        lever: By how much any point of the robot moves at most when a joint does [m/rad or 1], shape (n,).
+        rows: Position, rotation, velocity, mass, inertia and friction of each of b bodies, as in `BodyTable`
+            and `ShapeTable`, shape (N, b, BODY); changed.
+        wrench: Mean force [N] of contacts on each robot and moment about the world's origin [N m], shape
+            (N, 6); output.
+        outcome: Outcome of the world's last step, shape (N,); output.
+        apart: Lower bound of each robot's distance from all else [m], shape (N,); changed.
+        lever: Motion bound of each joint for all points of the robot [m/rad or 1], shape (n,).
     """
 
     rows: Floats3
@@ -100,11 +100,11 @@ class RobotWorlds(NamedTuple):
 NO_BODIES = RobotWorlds(
     np.zeros((0, 0, BODY)), np.zeros((0, 6)), np.zeros(0, np.int64), np.zeros(0), np.zeros(0)
 )
-"""Of robots without a world."""
+"""Bodies of robots without a world."""
 
 
 class _Around(NamedTuple):
-    """What is around robots: bodies, a world's tables, and memory for a robot's position and equation."""
+    """Surroundings of robots: bodies, a world's tables, and memory for a robot's position and equation."""
 
     bodies: RobotWorlds
     world: WorldTables
@@ -119,21 +119,21 @@ def shaped_steps(
     span: Steps, robots: RobotTables, space: StepWorkspace, state: Floats3, sent: Sent, bodies: RobotWorlds,
     world: WorldTables, good: Ints1,
 ) -> None:  # fmt: skip
-    """Send robots to their targets for some steps.
+    """Move robots towards their targets for some steps.
 
-    The command of each joint goes to its target from where it is, shaped ones from as fast as it is, and the
-    joints follow it.
+    The command of each joint moves from its present value to the target, shaped commands also from the
+    present speed, and the joints follow it.
 
     Args:
-        span: What is to be done.
+        span: Steps, blocks and shape of commands.
         robots: The robots, in B blocks.
-        space: Arrays to write to.
-        state: Position, velocity, torque, command [rad or m], its speed, target, and load from outside
-            [N m or N], shape (7, B, m); changed.
-        sent: Commands on their way; changed.
-        bodies: What is around the robots; changed.
-        world: Tables of a world, of one robot's at a time.
-        good: Number of good steps of each robot, shape (N,); written.
+        space: Workspace.
+        state: Position, velocity, torque, command [rad or m], its speed, target, and external load [N m or
+            N], shape (7, B, m); changed.
+        sent: Shaping and delay of commands; changed.
+        bodies: Free bodies and contacts of the robots; changed.
+        world: Tables of a world, used for one robot at a time.
+        good: Output: number of good steps of each robot, shape (N,).
     """
     m, lanes, h, steps = state.shape[2], robots.lanes, robots.timestep, span.steps
     step_input, curve = space.step_input, sent.curve
@@ -173,13 +173,14 @@ def shaped_steps(
 
 @compiled(lean=True, inline=True)
 def _way(curve: Floats2, e: int, time: float) -> float:
-    """Return how far a command has gone after a time: T, u and coefficients of t^2 and t^3, (4, m)."""
+    """Return a command's displacement after a time; curve: T, u and coefficients of t^2 and t^3, (4, m)."""
     t = min(time, curve[0, e])
     return t * (curve[1, e] + t * (curve[2, e] + t * curve[3, e]))
 
 
 @compiled(lean=True, inline=True)
 def _speed(curve: Floats2, e: int, time: float) -> float:
+    """Return a command's speed after a time; curve: T, u and coefficients of t^2 and t^3, (4, m)."""
     t = min(time, curve[0, e])
     return curve[1, e] + t * (2.0 * curve[2, e] + t * 3.0 * curve[3, e])
 
@@ -222,7 +223,7 @@ def _advance(
 def _meet_worlds(
     b: int, k: int, robots: RobotTables, space: StepWorkspace, around: _Around, good: Ints1
 ) -> bool:
-    """Take step k of the worlds of a block; return whether the step of its robots is to be taken again."""
+    """Take step k of the worlds of a block; return whether the robots' step has to be repeated."""
     m, lanes, again, bodies, world = space.solve_output.size, robots.lanes, False, around.bodies, around.world
     for lane in range(lanes):
         robot = b * lanes + lane
@@ -233,7 +234,7 @@ def _meet_worlds(
             around.equation.velocity[j] = space.step_input[V * m + j * lanes + lane]
         _enter(robot, bodies, world)
         moved = _moved(robot, bodies, world, around.equation.velocity, robots.timestep)
-        # The step before has moved it, and this one may.
+        # The step before has moved the robot, and this one may.
         near = not bodies.apart[robot] - 2.0 * moved > MARGIN
         outcome, pushed, apart = couple(b, lane, robots, space, world, around.equation, around.position, near)
         bodies.outcome[robot], bodies.apart[robot] = outcome, apart if near else bodies.apart[robot] - moved
@@ -249,7 +250,7 @@ def _meet_worlds(
 
 @compiled(lean=True)
 def _exchange(b: int, now: int, sent: Sent, step_input: Floats1) -> None:
-    """Keep the commands of a step in row `now`, and put those that arrive in it into `step_input`."""
+    """Store the commands of a step in row `now`, and replace them in `step_input` by those that arrive."""
     m, ring = sent.delay.shape[1], len(sent.waiting)
     for e in range(m):
         sent.waiting[now, 2 * b, e] = step_input[Q_REF * m + e]
@@ -262,7 +263,7 @@ def _exchange(b: int, now: int, sent: Sent, step_input: Floats1) -> None:
 
 @compiled(lean=True)
 def _moved(robot: int, bodies: RobotWorlds, world: WorldTables, v: Floats1, h: float) -> float:
-    """Return by how much robot and bodies come nearer at most in h, at velocities v of shape (n,) [m]."""
+    """Return a bound on the approach of robot and bodies in h [m], at velocities v, shape (n,)."""
     fastest, turning = 0.0, 0.0
     for j in range(v.size):
         turning += abs(v[j]) * bodies.lever[j]
@@ -280,7 +281,7 @@ def _moved(robot: int, bodies: RobotWorlds, world: WorldTables, v: Floats1, h: f
 
 @compiled(lean=True)
 def _enter(robot: int, bodies: RobotWorlds, world: WorldTables) -> None:
-    """Put a robot's bodies into the tables of the world, and clear the forces."""
+    """Copy a robot's bodies into the tables of the world, and set the wrench to zero."""
     rows, table, shapes = bodies.rows, world.bodies, world.shapes
     for body in range(rows.shape[1]):
         row = rows[robot, body]
@@ -299,7 +300,7 @@ def _enter(robot: int, bodies: RobotWorlds, world: WorldTables) -> None:
 
 @compiled(lean=True)
 def _leave(robot: int, bodies: RobotWorlds, world: WorldTables) -> None:
-    """Take a robot's bodies from the tables of the world."""
+    """Copy a robot's bodies back from the tables of the world."""
     rows, table = bodies.rows, world.bodies
     for body in range(rows.shape[1]):
         row = rows[robot, body]
@@ -313,7 +314,7 @@ def _leave(robot: int, bodies: RobotWorlds, world: WorldTables) -> None:
 
 @compiled(lean=True)
 def _stop_unsound(b: int, k: int, robots: RobotTables, space: StepWorkspace, good: Ints1) -> bool:
-    """Keep robots whose new state is not sound, and those that have stopped; return whether there are any."""
+    """Keep the state of robots that stopped or whose new state is not sound; return whether there are any."""
     m, lanes, stopped = space.solve_output.size, robots.lanes, False
     for lane in range(lanes):
         if space.flags[ALIVE, lane] and not is_sound(lane, lanes, space):

@@ -1,13 +1,13 @@
-"""A joint that is sent from target to target: a cubic in time to each, lag and backlash.
+"""Response of a joint to a sequence of targets: a cubic in time to each target, lag and backlash.
 
-A target at a distance D of a command that moves with the speed u is reached at rest after a time T, along
+A target at a distance D of a command that moves at the speed u is reached at rest after a time T, along
 
     c(t) = c(0) + u t + (3 D - 2 u T) (t / T)^2 + (u T - 2 D) (t / T)^3,
     T = max(3 |D| / (2 v), sqrt(3 |D| / a), |u| / a):
 
-from rest, v is its largest speed, and a its largest mean |acceleration|, half of the first and the last.
-Each new target begins a new one, however near the last target is.  That is how a robot was seen to do
-`setAngles`.  In cycles of h, the servo's lag L and the backlash 2 b between motor and link follow:
+from rest, v is the maximum speed, and a the maximum mean |acceleration| of the first and the last half.
+Each new target starts a new cubic, however near the last target is.  This is how a robot was observed to
+execute `setAngles`.  In cycles of h, the servo's lag L and the backlash 2 b between motor and link follow:
 
     x' = x + (1 - exp(-h / L)) (c' - x),   y' = clip(y, x' - b, x' + b).
 """
@@ -22,7 +22,7 @@ from pepper_kin.kernels.signatures import Floats1, Floats2
 
 
 class Following(NamedTuple):
-    """How one joint follows its targets.
+    """Parameters of how one joint follows its targets.
 
     Attributes:
         cycle: h [s].
@@ -41,12 +41,12 @@ class Following(NamedTuple):
 
 @compiled("float64(float64, float64, float64, float64)")
 def time_to_target(way: float, speed: float, fastest: float, strongest: float) -> float:
-    """Return T [s].
+    """Return the time T to the target [s].
 
     Args:
         way: D [rad or m].
         speed: u [rad/s or m/s].
-        fastest: v.
+        fastest: v [rad/s or m/s].
         strongest: a [rad/s^2 or m/s^2].
     """
     steady = max(1.5 * abs(way) / fastest, math.sqrt(3.0 * abs(way) / strongest))
@@ -55,7 +55,7 @@ def time_to_target(way: float, speed: float, fastest: float, strongest: float) -
 
 @compiled("float64(float64, float64, float64, float64)")
 def way_to_target(way: float, speed: float, duration: float, time: float) -> float:
-    """Return c(t) - c(0) [rad or m]; D from T on.
+    """Return the displacement c(t) - c(0) of the command [rad or m]; D from T on.
 
     Args:
         way: D [rad or m].
@@ -73,17 +73,18 @@ def way_to_target(way: float, speed: float, duration: float, time: float) -> flo
 def follow_targets(
     times: Floats1, targets: Floats1, following: Following, begin: float, start: float, path: Floats1
 ) -> None:
-    """Write where the command of a joint is at the ends of cycles.
+    """Write the command of a joint at the ends of cycles.
 
-    A target counts from the first cycle that begins at its time or later; u is that of the cycle before.
+    A target is used from the first cycle that starts at its time or later; u is the speed of the cycle
+    before.
 
     Args:
-        times: When targets are given, rising [s], shape (m,).
-        targets: [rad or m], shape (m,).
-        following: How the joint follows them; without lag and backlash.
-        begin: Time of the first cycle's beginning [s].
-        start: Where the joint rests at that time [rad or m].
-        path: Receives the position at `begin + (k + 1) h`, shape (cycles,).
+        times: Times of the targets, ascending [s], shape (m,).
+        targets: Targets [rad or m], shape (m,).
+        following: Parameters of the joint; lag and backlash are not used.
+        begin: Start time of the first cycle [s].
+        start: Position at which the joint rests at that time [rad or m].
+        path: Output: command at `begin + (k + 1) h`, shape (cycles,).
     """
     cycle, given = following.cycle, 0
     command, before, origin = start, start, start
@@ -103,11 +104,11 @@ def follow_targets(
 
 @compiled("void(Following, float64, float64[::1])")
 def respond(following: Following, start: float, path: Floats1) -> None:
-    """Replace commands at the ends of cycles by where the joint is, with its lag and backlash.
+    """Replace commands at the ends of cycles by positions of the joint, with its lag and backlash.
 
     Args:
-        following: How the joint follows.
-        start: Where it rests in the beginning [rad or m].
+        following: Parameters of the joint.
+        start: Position at which the joint rests initially [rad or m].
         path: Commands [rad or m], shape (cycles,); changed.
     """
     share = 1.0 if following.lag <= 0.0 else 1.0 - math.exp(-following.cycle / following.lag)
@@ -122,15 +123,15 @@ def respond(following: Following, start: float, path: Floats1) -> None:
 def read_path(
     path: Floats1, begin: float, cycle: float, times: Floats1, tolerance: float, readings: Floats2
 ) -> None:
-    """Write what is read of a path, and the range of the path within a time of each reading.
+    """Write interpolated readings of a path, and the path's range within a time of each reading.
 
     Args:
-        path: Positions at `begin + (k + 1) h`, between which lines lie, shape (cycles,).
-        begin: [s].
+        path: Positions at `begin + (k + 1) h`, interpolated linearly, shape (cycles,).
+        begin: Start time of the path [s].
         cycle: h [s].
-        times: Of the readings [s], shape (T,); beyond the ends the path rests.
+        times: Times of the readings [s], shape (T,); beyond the ends the path rests.
         tolerance: Half the time over which the range is taken [s].
-        readings: Receives position, least and greatest position, shape (3, T).
+        readings: Output: position, minimum and maximum position, shape (3, T).
     """
     last = path.size - 1
     for i in range(times.size):

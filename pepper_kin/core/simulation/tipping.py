@@ -1,4 +1,4 @@
-"""Tilts of robots about the edges of their wheels, over time."""
+"""Tilting of robots about the edges of their wheels' support polygon, over time."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Ints1, Ints2
 
 _NO_BOUNCE = 1e-3
-"""Rate after coming back to level that ends the tilt [rad/s]."""
+"""Rate after an impact at level below which the tilt ends [rad/s]."""
 
 
 class Hinges(NamedTuple):
     """N robots as bodies that hinge on k edges, at T times; shapes are (N, T, k) and (N,).
 
     Attributes:
-        inertia: About the edge [kg m^2].
-        inside: Horizontal distance of the center of mass from the edge, towards the inside, while level [m].
-        height: Of the center of mass above the floor, while level [m].
-        drive: Moment of the joints' motion and of outer forces about the edge, positive outward [N m].
-        weight: Of each robot [N].
+        inertia: Moment of inertia about the edge [kg m^2].
+        inside: Horizontal distance of the center of mass inward from the edge, while level [m].
+        height: Height of the center of mass above the floor, while level [m].
+        drive: Moment of the joints' motion and of external forces about the edge, positive outward [N m].
+        weight: Weight of each robot [N].
     """
 
     inertia: Floats3
@@ -31,13 +31,13 @@ class Hinges(NamedTuple):
 
 
 class Tilts(NamedTuple):
-    """How N robots tilt, at T times.
+    """Tilts of N robots at T times.
 
     Attributes:
-        angle: Of the tilt [rad], shape (N, T).
-        rate: [rad/s], shape (N, T).
-        edge: About which, -1 while level, shape (N, T).
-        ends: Number of the time at which each has fallen, T where it has not, shape (N,).
+        angle: Angle of the tilt [rad], shape (N, T).
+        rate: Rate of the tilt [rad/s], shape (N, T).
+        edge: Edge of the tilt, -1 while level, shape (N, T).
+        ends: Time index at which each robot has fallen, T if it has not, shape (N,).
     """
 
     angle: Floats2
@@ -47,12 +47,12 @@ class Tilts(NamedTuple):
 
 
 class Rules(NamedTuple):
-    """How tilts are integrated.
+    """Parameters of the integration of tilts.
 
     Attributes:
-        restitution: Share of the rate kept, reversed, at coming back to level.
+        restitution: Ratio of the rate that is kept, reversed, at an impact at level.
         fallen_at: Tilt that counts as fallen [rad]; it stays.
-        substep: Longest step of the integration [s].
+        substep: Maximum step of the integration [s].
     """
 
     restitution: float
@@ -62,13 +62,13 @@ class Rules(NamedTuple):
 
 @compiled("void(float64[::1], Hinges, Rules, Tilts)")
 def follow_tilts(time: Floats1, hinges: Hinges, rules: Rules, tilts: Tilts) -> None:
-    """Write how robots tilt; see `pepper_kin.twin.base.simulate_tipping`.
+    """Write the tilts of robots; see `pepper_kin.twin.base.simulate_tipping`.
 
     Args:
-        time: [s], shape (T,).
+        time: Times [s], shape (T,).
         hinges: The robots.
-        rules: How tilts are integrated.
-        tilts: Column 0 is where they begin; the others are written.
+        rules: Parameters of the integration.
+        tilts: Column 0 is the initial state; the others are output.
     """
     for robot in range(len(tilts.angle)):
         tilts.ends[robot] = time.size
@@ -99,7 +99,7 @@ def follow_tilts(time: Floats1, hinges: Hinges, rules: Rules, tilts: Tilts) -> N
 
 
 class _Hinge(NamedTuple):
-    """Edge of a robot in the interval from a time to the next."""
+    """Edge of a robot in the interval from one time to the next."""
 
     robot: int
     k: int
@@ -108,7 +108,7 @@ class _Hinge(NamedTuple):
 
 @compiled(lean=True)
 def _leaving(robot: int, k: int, hinges: Hinges) -> int:
-    """Return the edge about which a level robot begins to turn, the hardest driven; -1 if it does not."""
+    """Return the edge about which a level robot starts to tilt, the most accelerated; -1 if none."""
     hardest, greatest = -1, 0.0
     for edge in range(hinges.inertia.shape[2]):
         held = hinges.weight[robot] * hinges.inside[robot, k, edge]
@@ -120,13 +120,14 @@ def _leaving(robot: int, k: int, hinges: Hinges) -> int:
 
 @compiled(lean=True)
 def _between(at: _Hinge, series: Floats3, share: float) -> float:
+    """Return a parameter at a fraction of the interval, interpolated linearly."""
     first, last = series[at.robot, at.k, at.edge], series[at.robot, at.k + 1, at.edge]
     return first + share * (last - first)
 
 
 @compiled(lean=True)
 def _rates(at: _Hinge, hinges: Hinges, share: float, tilt: float, momentum: float) -> tuple[float, float]:
-    """Return the rates of tilt and momentum at a share of the interval."""
+    """Return the rates of tilt and momentum at a fraction of the interval."""
     inside, height = _between(at, hinges.inside, share), _between(at, hinges.height, share)
     moment = hinges.weight[at.robot] * (height * math.sin(tilt) - inside * math.cos(tilt))
     turning = momentum / _between(at, hinges.inertia, share)
@@ -137,7 +138,7 @@ def _rates(at: _Hinge, hinges: Hinges, share: float, tilt: float, momentum: floa
 def _advanced(
     at: _Hinge, hinges: Hinges, start: tuple[float, float], duration: float, substep: float
 ) -> tuple[float, float]:
-    """Return tilt and rate after an interval, its numbers linear in between (Runge-Kutta, fourth order)."""
+    """Return tilt and rate after an interval with linear parameters (Runge-Kutta, fourth order)."""
     steps = max(math.ceil(duration / substep - 1e-9), 1)
     h, part = duration / steps, 1.0 / steps
     tilt, momentum = start[0], start[1] * _between(at, hinges.inertia, 0.0)

@@ -12,13 +12,13 @@ from pepper_kin.kernels.signatures import Floats1, Floats2, Ints1
 
 
 class TreeTable(NamedTuple):
-    """Joints from parent to child; row 0 is the world and moves nothing.
+    """Joints from parent to child; row 0 is the world, which does not move.
 
     Attributes:
-        joints: See `core.kinematic_tree`, shape (m, JOINT).
-        driver: Joint of the robot that moves each, -1 for none, shape (m,).
-        ratio: Change of its coordinate over that of the driver, shape (m,).
-        offset: Its coordinate where the driver's is zero [rad or m], shape (m,).
+        joints: Placements of the joints, see `core.kinematic_tree`, shape (m, JOINT).
+        driver: Joint of the robot that drives each joint, -1 for none, shape (m,).
+        ratio: Ratio of the joint's coordinate to the driver's, shape (m,).
+        offset: Coordinate of the joint where the driver's is zero [rad or m], shape (m,).
     """
 
     joints: Floats2
@@ -28,14 +28,14 @@ class TreeTable(NamedTuple):
 
 
 class TreeMotion(NamedTuple):
-    """Where the joints are in the world, and how fast.
+    """Poses and velocities of the joints in the world.
 
     Attributes:
-        coordinate: Of all but the world [rad or m], shape (m - 1,).
-        pose: Center and axes of each; see `core.kinematic_tree`, shape (m, 12).
-        axis: Of the joints in the world, shape (m, 3).
+        coordinate: Coordinates of all joints but the world [rad or m], shape (m - 1,).
+        pose: Center and axes of each joint; see `core.kinematic_tree`, shape (m, 12).
+        axis: Axes of the joints in the world, shape (m, 3).
         linear: Velocity of each joint's origin [m/s], shape (m, 3).
-        angular: [rad/s], shape (m, 3).
+        angular: Angular velocity of each joint [rad/s], shape (m, 3).
     """
 
     coordinate: Floats1
@@ -53,7 +53,7 @@ def tree_motion(tree: TreeTable) -> TreeMotion:
 
 @compiled
 def move_joints(tree: TreeTable, q: Floats1, v: Floats1, at: TreeMotion) -> None:
-    """Write where all joints are at q [rad or m] and how fast at v, shape (n,) each."""
+    """Write poses at q [rad or m] and velocities at v of all joints, shape (n,) each."""
     joints, pose = tree.joints, at.pose
     for j in range(1, len(joints)):
         k = tree.driver[j]

@@ -1,7 +1,7 @@
-"""Constraints of a path's timing at the nodes of its grid, and checks between them that tighten these.
+"""Constraints of a path's timing at the nodes of its grid, and checks between nodes that tighten them.
 
-Made k times as slow, a motion has velocity v / k and acceleration a / k^2; torques and edge moments become
-c + (value - c) / k^2, with c their value at rest.
+Slowed down by a factor k, a motion has velocity v / k and acceleration a / k^2; torques and edge moments
+become c + (value - c) / k^2, with c their value at rest.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ def fill_rows(grid: PathGrid, effects: PathEffects, limits: PathLimits, rows: Pa
         grid: The path.
         effects: Torques, edge moments and frame speeds along it.
         limits: The limits.
-        rows: Receives the constraints, all but `middle`.
+        rows: Output: the constraints, all but `middle`.
     """
     a, b, c, low, high = rows.a, rows.b, rows.c, rows.low, rows.high
     n, n_tau, n_edge = grid.at.shape[2], effects.torque.shape[2], effects.moments.shape[2]
@@ -48,13 +48,13 @@ def fill_rows(grid: PathGrid, effects: PathEffects, limits: PathLimits, rows: Pa
 
 @compiled(lean=True)
 def _fill_speed_bound(grid: PathGrid, frame_speed: Array, limits: PathLimits, x_most: Array) -> None:
-    """Write the greatest squared path speed that velocities of joints and frames allow at the grid points.
+    """Write the maximum squared path speed that velocities of joints and frames allow at the grid points.
 
     Args:
         grid: The path.
-        frame_speed: See `PathEffects`, shape (M, f).
+        frame_speed: |dp/ds| of each frame over its limit, see `PathEffects`, shape (M, f).
         limits: The limits.
-        x_most: Written, shape (N + 1,).
+        x_most: Output, shape (N + 1,).
     """
     size, n = grid.step.size, grid.at.shape[2]
     for i in range(size + 1):
@@ -72,13 +72,14 @@ def _fill_speed_bound(grid: PathGrid, frame_speed: Array, limits: PathLimits, x_
 
 @compiled(lean=True)
 def fill_middle(grid: PathGrid, rows: PathRows) -> None:
-    """Write coefficients of the rows but those of acceleration in the middle of every interval.
+    """Write coefficients of the rows except accelerations in the middle of every interval.
 
-    By the cubic through four nodes, at the ends of the path's segments by a parabola through three.
+    They are interpolated by the cubic through four nodes, next to the ends of the path's segments by a
+    parabola through three.
 
     Args:
         grid: The path.
-        rows: The constraints; `middle` is written.
+        rows: The constraints; `middle` is output.
     """
     a, b, c, found, first = rows.a, rows.b, rows.c, rows.middle, grid.first
     size, n = first.size, grid.at.shape[2]
@@ -105,20 +106,20 @@ def fill_middle(grid: PathGrid, rows: PathRows) -> None:
 def tighten_joints(
     grid: PathGrid, limits: PathLimits, rows: PathRows, x: Array, least: float, changed: np.ndarray
 ) -> float:
-    """Return how many times as slow the motion has to be for velocity and acceleration; tighten constraints.
+    """Return the factor by which velocity and acceleration require to slow down; tighten constraints.
 
     On an interval, with d = s - s_i and x = x_i + 2 u d, a joint's acceleration
         q'' x + q' u = A + B d + C d^2,   A = 2 c_2 x_i + c_1 u,  B = 6 c_3 x_i + 6 c_2 u,  C = 15 c_3 u,
-    is extreme at the ends or at d = -B / 2 C, and its velocity at the ends or where the acceleration is zero:
-    both are compared with their limits at every time.
+    has extrema at the ends or at d = -B / 2 C, and its velocity at the ends or where the acceleration is
+    zero: both are compared with their limits at all times.
 
     Args:
         grid: The path.
         limits: The limits.
-        rows: The constraints, tightened by what they are exceeded by.
+        rows: The constraints, tightened by their violation.
         x: Squared speed at the grid points, shape (N + 1,).
-        least: Share of a limit up to which a violation tightens nothing.
-        changed: Is set where constraints are changed, shape (N,).
+        least: Violation, relative to the limit, up to which nothing is tightened.
+        changed: Set to True where constraints are changed, shape (N,).
     """
     square = 1.0
     velocity, acceleration, taylor, step = limits.velocity, limits.acceleration, grid.taylor, grid.step
@@ -157,7 +158,7 @@ def tighten_joints(
 
 @compiled(lean=True)
 def _lower_speed(i: int, factor: float, x_most: Array, changed: np.ndarray) -> None:
-    """Divide the bounds on x, shape (N + 1,), at both ends of an interval; mark `changed`, shape (N,)."""
+    """Divide the bounds on x, shape (N + 1,), at both ends of an interval; set `changed`, shape (N,)."""
     x_most[i], x_most[i + 1] = x_most[i] / factor, x_most[i + 1] / factor
     changed[i], changed[min(i + 1, changed.size - 1)] = True, True
 
@@ -166,15 +167,15 @@ def _lower_speed(i: int, factor: float, x_most: Array, changed: np.ndarray) -> N
 def tighten_middle(
     grid: PathGrid, limits: PathLimits, rows: PathRows, x: Array, least: float, changed: np.ndarray
 ) -> float:
-    """Return how many times as slow the motion has to be for torques and edge moments mid-interval.
+    """Return the factor by which torques and edge moments mid-interval require to slow down; tighten rows.
 
     Args:
         grid: The path.
         limits: The limits.
-        rows: The constraints with `middle`; those that are exceeded are tightened.
+        rows: The constraints with `middle`; violated rows are tightened.
         x: Squared speed at the grid points, shape (N + 1,).
-        least: Share of what a limit leaves beyond rest, up to which a violation tightens nothing.
-        changed: Is set where constraints are changed, shape (N,).
+        least: Violation, relative to the limit's distance from rest, up to which nothing is tightened.
+        changed: Set to True where constraints are changed, shape (N,).
     """
     n, n_tau, middle = grid.at.shape[2], limits.torque.size, rows.middle
     square = 1.0
@@ -199,19 +200,19 @@ def tighten_middle(
 def tighten_frames(
     grid: PathGrid, effects: PathEffects, rows: PathRows, x: Array, least: float, changed: np.ndarray
 ) -> float:
-    """Return how many times as slow the motion has to be for speeds of frames; tighten bounds on x.
+    """Return the factor by which speeds of frames require to slow down; tighten bounds on x.
 
-    On an interval a frame's squared speed g = |dp/ds|^2 x is computed at both ends and in the middle.
-    The parabola through these is wrong by at most 0.0642 of the greatest third difference over half an
-    interval, of which those with the neighbors are samples; four times the greatest of these is taken.
+    On an interval a frame's squared speed g = |dp/ds|^2 x is computed at both ends and in the middle.  The
+    error of the parabola through these values is at most 0.0642 of the maximum third difference over half an
+    interval, which is sampled with the adjacent intervals; four times the maximum sample is used.
 
     Args:
         grid: The path.
-        effects: Speeds of frames along it.
+        effects: Speeds of frames along the path.
         rows: The constraints.
         x: Squared speed at the grid points, shape (N + 1,).
-        least: Share of a limit up to which a violation tightens nothing.
-        changed: Is set where constraints are changed, shape (N,).
+        least: Violation, relative to the limit, up to which nothing is tightened.
+        changed: Set to True where constraints are changed, shape (N,).
     """
     size, first, square = grid.step.size, grid.first, 1.0
     ends, middle = effects.frame_speed, effects.frame_middle
@@ -245,19 +246,19 @@ def tighten_states(
     grid: PathGrid, torque_limit: Array, rows: PathRows, first_row: int, interval: np.ndarray,
     effects: StateEffects, tighten: bool,
 ) -> float:  # fmt: skip
-    """Return how many times as slow a motion has to be for torques, edge moments and frame speeds.
+    """Return the factor by which torques, edge moments and frame speeds require to slow down a motion.
 
     Args:
         grid: The path.
         torque_limit: Limits of the torques of `effects`, shape (n or 0,) [N m or N].
         rows: The constraints.
-        first_row: Row of the first torque or, without torques, edge moment.
+        first_row: Index of the row of the first torque or, without torques, edge moment.
         interval: Interval of each state, shape (T,).
         effects: Torques, edge moments and frame speeds of the states.
-        tighten: Whether to tighten constraints by what they are exceeded by.
+        tighten: Whether to tighten constraints by their violation.
 
     Returns:
-        At least 1; inf where not even rest helps.
+        At least 1; inf if not even rest keeps the limits.
     """
     first, torque, moments, frame_speed = grid.first, effects.torque, effects.moments, effects.frame_speed
     n_tau, n_edge = torque_limit.size, moments.shape[1]

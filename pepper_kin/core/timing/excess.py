@@ -1,4 +1,4 @@
-"""What torques and edge moments a motion exceeds, and which joints' accelerations are to blame for it."""
+"""Violations of torque and edge moment limits by a motion, and the joints whose accelerations cause them."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2, Ints1
 
 ROUNDING = 1e-9
-"""Of a limit."""
+"""Tolerance relative to a torque limit."""
 
 BLAMED, FEWEST = 0.5, 0.4
-"""Part of the greatest contribution to an excess from which on a joint has to do less, and the least that is
-left of its acceleration."""
+"""Ratio of a contribution to the maximum one from which on a joint is slowed down, and minimum ratio of its
+acceleration that is left."""
 
 TORQUE, MOMENT = 1, 2
-"""What is exceeded; their sum where both are."""
+"""Kinds of violation; their sum if both are violated."""
 
 
 class EffectKernel(NamedTuple):
-    """The kernel of torques and of the floor's wrench, and their limits.
+    """Kernel of torques and of the floor's wrench, and their limits.
 
     Attributes:
-        address: Of the `batch` of a kernel from q, v and a to torques and, if there are edges, the wrench of
-            the floor.
+        address: Address of the `batch` of a kernel from q, v and a to torques and, if there are edges, the
+            wrench of the floor.
         work: Workspace of the kernel, shape (>= work_size,).
         words: Workspace, shape (8,).
-        torque_limit: Of the joints, or none, shape (n or 0,) [N m or N].
-        moment_of_wrench: A matrix that makes of a wrench the moments about e edges, shape (6, e).
+        torque_limit: Torque limits of the joints, or none, shape (n or 0,) [N m or N].
+        moment_of_wrench: Matrix that maps a wrench to the moments about e edges, shape (6, e).
     """
 
     address: int
@@ -44,12 +44,12 @@ class EffectKernel(NamedTuple):
 
 @compiled
 def _write_excess(kernel: EffectKernel, states: Array, excess: Array) -> int:
-    """Write by how much limits are exceeded; return what is.
+    """Write the violations of limits; return TORQUE, MOMENT, their sum, or 0.
 
     Args:
-        kernel: Of torques and wrenches.
+        kernel: Kernel of torques and wrenches.
         states: q, v and a, shape (3, T, n).
-        excess: Written: of torques and edge moments, shape (T, k + e).
+        excess: Output: violations of torque and edge moment limits, negative inside, shape (T, k + e).
     """
     torques, edges, n, found = kernel.torque_limit.size, kernel.moment_of_wrench.shape[1], states.shape[2], 0
     effects = np.empty((states.shape[1], n + 6 if edges > 0 else n))
@@ -74,10 +74,10 @@ def _blame(kernel: EffectKernel, states: Array, excess: Array, used: Array) -> N
     """Write the accelerations with which the limits would just be kept; see `find_excess`.
 
     Args:
-        kernel: Of torques and wrenches.
+        kernel: Kernel of torques and wrenches.
         states: q, v and a, shape (3, T, n).
-        excess: Of these, see `_write_excess`, shape (T, k + e).
-        used: Written, shape (n,).
+        excess: Violations at these states, see `_write_excess`, shape (T, k + e).
+        used: Output, shape (n,).
     """
     n = used.size
     without, left, gain = np.empty((3, n, n)), np.empty((n, excess.shape[1])), np.empty(n)
@@ -109,19 +109,19 @@ def _blame(kernel: EffectKernel, states: Array, excess: Array, used: Array) -> N
 
 @compiled("int64(EffectKernel, float64[::1], float64[:, :, ::1], float64[::1], float64[::1])")
 def find_excess(kernel: EffectKernel, breaks: Array, coefficients: Array, times: Array, used: Array) -> int:
-    """Find what a motion exceeds: beside its knots or, where nothing is exceeded there, at some times.
+    """Find the violations of a motion next to its knots or, if there are none, at given times.
 
-    A joint contributes what a torque or edge moment, where it is exceeded most, would be less without the
-    joint's acceleration.
+    A joint's contribution to a torque or edge moment, where its violation is greatest, is the decrease
+    without the joint's acceleration.
 
     Args:
-        kernel: Of torques and wrenches.
+        kernel: Kernel of torques and wrenches.
         breaks: Ends of the segments, shape (m + 1,) [s].
         coefficients: Constant term first, shape (m, k, n).
-        times: Rising, shape (T,) [s].
-        used: Written, for each joint that contributes half as much as any other or more, the size of its
-            acceleration there with which the limit would just be kept, if all of these had as much less, 0.4
-            of what it is at least; inf for others, shape (n,) [rad/s^2 or m/s^2].
+        times: Ascending times, shape (T,) [s].
+        used: Output: for each joint that contributes at least half as much as any other, the size of its
+            acceleration with which the limit would just be kept if all these joints were reduced by the same
+            ratio, at least 0.4 of the present one; inf for other joints, shape (n,) [rad/s^2 or m/s^2].
 
     Returns:
         TORQUE, MOMENT, their sum, or 0.

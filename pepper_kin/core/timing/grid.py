@@ -1,4 +1,4 @@
-"""A path's derivatives at the points of a grid, and the states from which its dynamics follow."""
+"""A path's derivatives at the points of a grid, and the states that determine its dynamics."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from pepper_kin.kernels.compiled_function import compiled
 
 @compiled("int64(float64[::1], int64)", lean=True)
 def interval_count(breaks: Array, intervals: int) -> int:
-    """Return into how many intervals `fill_grid` cuts a path.
+    """Return the number of intervals into which `fill_grid` divides a path.
 
     Args:
         breaks: Ends of the path's segments, shape (m + 1,).
-        intervals: Least number of intervals.
+        intervals: Minimum number of intervals.
     """
     total = 0
     for i in range(breaks.size - 1):
@@ -25,20 +25,20 @@ def interval_count(breaks: Array, intervals: int) -> int:
 
 @compiled(lean=True)
 def _count(breaks: Array, i: int, intervals: int) -> int:
-    """Return into how many intervals segment i is cut; breaks have the shape (m + 1,)."""
+    """Return the number of intervals of segment i; breaks have shape (m + 1,)."""
     share = (breaks[i + 1] - breaks[i]) / (breaks[breaks.size - 1] - breaks[0])
     return max(1, int(np.ceil(intervals * share - 1e-9)))
 
 
 @compiled("void(float64[::1], float64[:, :, ::1], int64, PathGrid)", lean=True)
 def fill_grid(breaks: Array, coefficients: Array, intervals: int, grid: PathGrid) -> None:
-    """Cut every segment of a path into equal intervals and evaluate the path at their ends.
+    """Divide every segment of a path into equal intervals and evaluate the path at their ends.
 
     Args:
         breaks: Ends of the segments, shape (m + 1,).
         coefficients: Constant term first, shape (m, 4, n).
-        intervals: Least number of intervals in all.
-        grid: Receives the result; N = `interval_count`, M = N + m.
+        intervals: Minimum number of intervals in all.
+        grid: Output; N = `interval_count`, M = N + m.
     """
     segments, _, n = coefficients.shape
     at, taylor = grid.at, grid.taylor
@@ -66,11 +66,11 @@ def fill_grid(breaks: Array, coefficients: Array, intervals: int, grid: PathGrid
 
 @compiled("void(float64[:, :, ::1], float64[:, :, ::1])", lean=True)
 def coefficient_states(at: Array, states: Array) -> None:
-    """Write q, v and a of rest, of unit path acceleration and of unit path speed.
+    """Write q, v and a at rest, at unit path acceleration and at unit path speed.
 
     Args:
         at: q [rad or m], q' and q'' at the nodes, shape (3, M, n).
-        states: Receives them, q, v and a, shape (3, 3 M, n).
+        states: Output: q, v and a, shape (3, 3 M, n).
     """
     count, n = at.shape[1], at.shape[2]
     for k in range(count):
@@ -89,7 +89,7 @@ def frame_states(grid: PathGrid, states: Array) -> None:
 
     Args:
         grid: The path.
-        states: Receives them, shape (2, M + N, n).
+        states: Output, shape (2, M + N, n).
     """
     count, n = grid.at.shape[1], grid.at.shape[2]
     for k in range(count):

@@ -1,4 +1,4 @@
-"""Ways along a path from one state of motion into another: which of them keep limits."""
+"""Transitions along a path from one state of motion into another: the first that keeps limits."""
 
 from __future__ import annotations
 
@@ -6,22 +6,22 @@ from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3
 
 _SAMPLES = 65
-_BACK = 1e-9  # ds/dt below which a way turns back, as 0 less so much
+_BACK = 1e-9  # tolerance of a negative ds/dt, up to which a transition does not reverse
 
 
 @compiled("int64(float64[::1], float64[:, :, ::1], float64[:, ::1], float64[::1], float64[:, ::1], int64)")
 def next_way(
     breaks: Floats1, coefficients: Floats3, ways: Floats2, times: Floats1, limits: Floats2, begin: int
 ) -> int:
-    """Return the first way that keeps limits at some instants and never turns back; -1 if none does.
+    """Return the first transition that keeps limits at sample times and never reverses; -1 if none does.
 
     Args:
-        breaks: Ends of the path's pieces, rising, shape (m + 1,).
-        coefficients: Of the path, constant term first, shape (m, 4, n).
+        breaks: Ends of the path's segments, ascending, shape (m + 1,).
+        coefficients: Coefficients of the path, constant term first, shape (m, 4, n).
         ways: s as polynomials of degree 5 in time, constant term first, shape (w, 6).
-        times: Their durations [s], shape (w,).
-        limits: Of velocity, acceleration and jerk, inf for none, shape (3, n).
-        begin: The way to look at first.
+        times: Durations of the transitions [s], shape (w,).
+        limits: Limits of velocity, acceleration and jerk, inf for none, shape (3, n).
+        begin: Index of the transition to try first.
     """
     for k in range(begin, times.size):
         keeps = True
@@ -36,7 +36,7 @@ def next_way(
 
 @compiled(lean=True)
 def _keeps(breaks: Floats1, coefficients: Floats3, way: Floats1, t: float, limits: Floats2) -> bool:
-    """Whether a way, shape (6,), keeps limits at an instant."""
+    """Return whether a transition, shape (6,), keeps limits at a time t [s]."""
     s, first, second, third = way[5], 0.0, 0.0, 0.0
     for power in range(4, -1, -1):
         third = third * t + second

@@ -13,11 +13,11 @@ def find_kinks(breaks: Floats1, curve: Floats3, least: float, kinks: Ints1) -> i
     Args:
         breaks: Ends of the segments, shape (m + 1,).
         curve: Coefficients, constant term first, shape (m, 4, n).
-        least: Jumps up to this part of the derivatives are rounding.
-        kinks: Receives the places among the breaks, shape (>= m,).
+        least: Jump, relative to the derivatives, up to which it counts as rounding.
+        kinks: Output: indices of the breaks, shape (>= m,).
 
     Returns:
-        Their number.
+        The number of kinks.
     """
     found = 0
     for i in range(1, curve.shape[0]):

@@ -1,4 +1,4 @@
-"""Time-optimal parameterization: passes, checks between the grid points and tightened constraints in turn.
+"""Time-optimal parameterization: alternates passes with checks between grid points that tighten constraints.
 
 On a grid the path's acceleration u = d2s/dt2 is constant between grid points, so that s(t) is quadratic and
 q(s(t)), for a piecewise cubic path, a polynomial of degree 6 on each interval.
@@ -21,12 +21,13 @@ from pepper_kin.core.timing.tables import Instants, PathEffects, PathGrid, PathL
 from pepper_kin.kernels.compiled_function import compiled
 
 FOUND, NO_PROFILE, NO_REST = 0, 1, 2
-"""Status of `optimal_profile`: a profile; none; a node where the robot could not rest: slower is no help."""
+"""Statuses of `optimal_profile`: found; none exists; the robot cannot rest at a node, so slower is no
+help."""
 
-_ROUNDS = 3  # solutions with tightened limits before a slower one is taken
+_ROUNDS = 3  # maximum number of solutions with tightened limits; then the motion is slowed down
 _SMALL_STRETCH = 2e-4  # slowing down by less than this is cheaper than solving again
-_LEAST = 1e-4  # of a limit: smaller violations are left to stretching
-_NEAR = 0.99  # of a limit: nearer than this by a cautious estimate, sample times are examined one by one
+_LEAST = 1e-4  # relative to a limit: smaller violations are left to slowing down
+_NEAR = 0.99  # relative to a limit: intervals that may exceed this are examined at each sample time
 
 
 @compiled(
@@ -35,22 +36,22 @@ _NEAR = 0.99  # of a limit: nearer than this by a cautious estimate, sample time
 def optimal_profile(
     grid: PathGrid, effects: PathEffects, limits: PathLimits, rows: PathRows, space: ProfileSpace
 ) -> tuple[int, int, float]:
-    """Find the fastest squared speed, and how much slower than that the motion has to be.
+    """Find the maximum squared speed, and the factor by which the motion has to be slower.
 
-    After each solution, extremes of velocity and acceleration are computed in every interval, torques and
+    After each solution, extrema of velocity and acceleration are computed in every interval, torques and
     edge moments in its middle, where their coefficients are interpolated by cubics, and a bound on the speed
-    of frames everywhere; limits that are exceeded are tightened by the violation before the next passes.
+    of frames everywhere; violated limits are tightened by the violation before the next passes.
 
     Args:
         grid: The path.
         effects: Torques, edge moments and frame speeds along it.
         limits: The limits.
-        rows: Receives the constraints, tightened in the end.
-        space: Workspace; receives the profile as `best`.
+        rows: Output: the constraints, tightened.
+        space: Workspace; its `best` is the resulting profile.
 
     Returns:
         FOUND, NO_PROFILE or NO_REST; the grid point at which a search for a profile ended, or -1; and the
-        stretch that velocity, acceleration and frames need.
+        stretch factor that velocity, acceleration and frames need.
     """
     fill_rows(grid, effects, limits, rows)
     n, size = grid.at.shape[2], grid.step.size
@@ -83,7 +84,7 @@ def optimal_profile(
 
 @compiled("float64(PathGrid, float64[::1])", lean=True)
 def profile_duration(grid: PathGrid, x: Array) -> float:
-    """Return how long a motion takes [s].
+    """Return the duration of a motion [s].
 
     Args:
         grid: The path.
@@ -103,23 +104,23 @@ def _interval_time(grid: PathGrid, x: Array, i: int) -> float:
 
 @compiled("int64(float64, float64, float64)", lean=True)
 def instant_count(duration: float, stretch: float, dt: float) -> int:
-    """Return the number of multiples of dt up to the end of a motion made slower, and one more."""
+    """Return the number of multiples of dt up to the end of a stretched motion, plus one."""
     return int(np.ceil(duration * stretch / dt)) + 1
 
 
 @compiled("int64(PathGrid, float64[::1], float64, float64, Instants)", lean=True)
 def all_instants(grid: PathGrid, x: Array, stretch: float, dt: float, sample_times: Instants) -> int:
-    """Find interval and local time of every multiple of dt, and of the end, of a motion made slower.
+    """Find interval and local time of every multiple of dt, and of the end, of a stretched motion.
 
     Args:
         grid: The path.
         x: Squared speed at the grid points, shape (N + 1,).
-        stretch: How much slower the motion is.
-        dt: [s].
-        sample_times: Receives the result, `instant_count` times at least.
+        stretch: Factor of the duration.
+        dt: Sampling interval [s].
+        sample_times: Output, at least `instant_count` times.
 
     Returns:
-        Their number.
+        The number of sample times.
     """
     size, end = grid.step.size, profile_duration(grid, x)
     count = instant_count(end, stretch, dt)
@@ -140,23 +141,23 @@ def instants_near_limits(
     grid: PathGrid, rows: PathRows, limit: Array, begin: int, x: Array, stretch: float, dt: float,
     sample_times: Instants,
 ) -> int:  # fmt: skip
-    """Find those multiples of dt where some torques or edge moments may leave their limits.
+    """Find the multiples of dt at which torques or edge moments may violate their limits.
 
-    Those are the times on intervals where the parabola through a quantity's values at both ends and in the
-    middle comes nearer to its limit than 1 %, with four times its bulge on top.
+    They lie in intervals where the parabola through a quantity's values at both ends and in the middle, plus
+    four times its bulge, comes nearer to its limit than 1 %.
 
     Args:
         grid: The path.
         rows: The constraints.
-        limit: On the size of the rows to examine, 0 for those that must not be negative, shape (k,).
-        begin: Number of rows in `rows.middle` before those to examine.
+        limit: Limit of the absolute value of each row, 0 for rows that must not be negative, shape (k,).
+        begin: Number of rows in `rows.middle` before the rows to examine.
         x: Squared speed at the grid points, shape (N + 1,).
-        stretch: How much slower the motion is.
-        dt: [s].
-        sample_times: Receives the result, `instant_count` times at least.
+        stretch: Factor of the duration.
+        dt: Sampling interval [s].
+        sample_times: Output, at least `instant_count` times.
 
     Returns:
-        Their number.
+        The number of sample times.
     """
     size, n = grid.step.size, grid.at.shape[2]
     duration = profile_duration(grid, x)
@@ -185,17 +186,17 @@ def instants_near_limits(
 def _is_near(
     i: int, grid: PathGrid, rows: PathRows, limit: Array, begin: int, x: Array, square: float, scale: float
 ) -> bool:
-    """Whether a row to examine comes near its limit on interval i.
+    """Return whether an examined row comes near its limit on interval i.
 
     Args:
-        i: The interval.
+        i: Index of the interval.
         grid: The path.
         rows: The constraints.
-        limit: See `instants_near_limits`, shape (k,).
-        begin: Number of rows in `rows.middle` before those to examine.
+        limit: Limits of the rows, see `instants_near_limits`, shape (k,).
+        begin: Number of rows in `rows.middle` before the rows to examine.
         x: Squared speed at the grid points, shape (N + 1,).
-        square: Squared stretch.
-        scale: Greatest value at rest of the rows, against which those without a limit are compared.
+        square: Squared stretch factor.
+        scale: Maximum absolute value at rest of the rows, for rows without a limit.
     """
     a, b, c, middle, node = rows.a, rows.b, rows.c, rows.middle, grid.first[i]
     u, x0, x1 = (x[i + 1] - x[i]) / (2 * grid.step[i] * square), x[i] / square, x[i + 1] / square
@@ -216,14 +217,14 @@ def _is_near(
 
 @compiled("void(PathGrid, float64[::1], Instants, float64, float64[:, :, ::1])", lean=True)
 def evaluate_motion(grid: PathGrid, x: Array, sample_times: Instants, stretch: float, state: Array) -> None:
-    """Write position, velocity and acceleration of a motion made slower.
+    """Write position, velocity and acceleration of a stretched motion.
 
     Args:
         grid: The path.
         x: Squared speed at the grid points, shape (N + 1,).
-        sample_times: The times; the first T are used.
-        stretch: How much slower the motion is.
-        state: Receives q [rad or m], v and a, shape (3, T, n).
+        sample_times: Sample times; the first T are used.
+        stretch: Factor of the duration.
+        state: Output: q [rad or m], v and a, shape (3, T, n).
     """
     taylor, n = grid.taylor, grid.taylor.shape[2]
     for k in range(state.shape[1]):
@@ -245,8 +246,8 @@ def evaluate_motion(grid: PathGrid, x: Array, sample_times: Instants, stretch: f
 def motion_polynomials(grid: PathGrid, x: Array, stretch: float, breaks: Array, coefficients: Array) -> None:
     """Write q(s(t)) exactly, for constant d2s/dt2 between grid points.
 
-    On an interval s(t) = s_i + w t + h t^2, with w its first speed and h half its acceleration, so that with
-    d = s - s_i
+    On an interval s(t) = s_i + w t + h t^2, with w its initial speed and h half its acceleration, so that
+    with d = s - s_i
         d = w t + h t^2,   d^2 = w^2 t^2 + 2 w h t^3 + h^2 t^4,
         d^3 = w^3 t^3 + 3 w^2 h t^4 + 3 w h^2 t^5 + h^3 t^6,
     and q is a polynomial of degree 6.
@@ -254,9 +255,9 @@ def motion_polynomials(grid: PathGrid, x: Array, stretch: float, breaks: Array, 
     Args:
         grid: The path.
         x: Squared speed at the grid points, no two successive ones zero, shape (N + 1,).
-        stretch: How much slower the motion is.
-        breaks: Receives the times at the grid points, shape (N + 1,) [s].
-        coefficients: Receives the segments, constant term first, shape (N, 7, n).
+        stretch: Factor of the duration.
+        breaks: Output: times at the grid points, shape (N + 1,) [s].
+        coefficients: Output: segments, constant term first, shape (N, 7, n).
     """
     size, _, n = grid.taylor.shape
     time = breaks[0] = 0.0

@@ -1,4 +1,4 @@
-"""The fastest rate along a time law within limits, by an interior-point method.
+"""Optimization of the rate along a time law within limits, by an interior-point method.
 
 A quadratic spline y(tau) > 0 minimizes the duration, with Y = (y, y', y'') at P points within limits:
 
@@ -6,8 +6,8 @@ A quadratic spline y(tau) > 0 minimizes the duration, with Y = (y, y', y'') at P
 
 Each step is one of Newton's method for multiplier times slack = mu, where mu falls (primal-dual methods: J.
 Nocedal and S. Wright, Numerical Optimization, 2006, chapter 19).  Three coefficients of y act at a point, so
-that the matrix is a band.  As 1 / sqrt(y) is convex, slacks after a step are at least those of the tangents,
-which no step uses up: all iterates keep all limits.
+that the matrix is banded.  As 1 / sqrt(y) is convex, slacks after a step are at least those of the tangents,
+and no step reduces those to zero: all iterates keep all limits.
 """
 
 from __future__ import annotations
@@ -22,26 +22,26 @@ from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3
 
 POINTS = 3
-"""Points of each piece of the spline."""
+"""Number of points in each segment of the spline."""
 
-_BEGIN = 0.9  # of the greatest even rate, where the search starts
-_FIRST = 4.0  # sum of multipliers times slacks at first, as a share of the duration
-_FALL = 0.1  # of mu in a step
-_REACH = 0.99  # of the way to where a slack or a multiplier would be zero
-_ROUNDING = 1e-14  # of a diagonal
-_FAR = 1e9  # a lower bound where there is none
+_BEGIN = 0.9  # start of the search, relative to the maximum constant rate
+_FIRST = 4.0  # initial sum of multipliers times slacks, relative to the duration
+_FALL = 0.1  # factor of mu in a step
+_REACH = 0.99  # fraction of the step at which a slack or a multiplier would be zero
+_ROUNDING = 1e-14  # increase of diagonal entries, relative
+_FAR = 1e9  # lower bound of rows without one
 
 
 class RateProgram(NamedTuple):
-    """Limits on y at P points, whose spline has K = P / 3 pieces and K + 2 coefficients.
+    """Limits on y at P points, whose spline has K = P / 3 segments and K + 2 coefficients.
 
     Attributes:
         basis: y, y' and y'' at the points for the three coefficients that act there, shape (P, 3, 3).
-        weight: Of the points in integrals over tau [s], shape (P,).
+        weight: Quadrature weights of the points in tau [s], shape (P,).
         rows: Gains on y, y' and y'' and values at rest of R quantities, shape (R, 4, P): jerk first, then
-            what must stay within +-1, then what must stay below 1.
+            quantities bounded by +-1, then quantities bounded above by 1.
         jerk: Number of rows of jerk.
-        both: Number of rows with two bounds, those of jerk among them.
+        both: Number of rows with two bounds, including jerk.
     """
 
     basis: Floats3
@@ -55,10 +55,10 @@ class _Sums(NamedTuple):
     """Sums over all limits at the points, shape (P,) each.
 
     Attributes:
-        aa: Of the matrix in y and y; ab, ac, bb, bc, cc likewise in y, y' and y''.
-        a: Of its right-hand side for mu = 1, in y; b and c likewise.
-        products: Of multipliers times slacks.
-        jerk: Of multipliers of jerk.
+        aa: Matrix entries in y and y; ab, ac, bb, bc, cc likewise in y, y' and y''.
+        a: Right-hand side in y for mu = 1; b and c likewise in y' and y''.
+        products: Sums of multipliers times slacks.
+        jerk: Sums of the multipliers of jerk.
     """
 
     aa: Floats1
@@ -76,7 +76,7 @@ class _Sums(NamedTuple):
 
 @compiled("float64(RateProgram)", lean=True)
 def greatest_even_rate(program: RateProgram) -> float:
-    """Return the greatest constant y that keeps all limits; 0 where rest at some point does not."""
+    """Return the maximum constant y that keeps all limits; 0 if rest violates a limit at some point."""
     rows, y = program.rows, np.inf
     for r in range(rows.shape[0]):
         for p in range(rows.shape[2]):
@@ -94,17 +94,17 @@ def greatest_even_rate(program: RateProgram) -> float:
 
 @compiled("float64(RateProgram, float64[::1], float64, int64)")
 def fastest_rate(program: RateProgram, y: Floats1, gap: float, steps: int) -> float:
-    """Write coefficients of a y that is a local optimum.
+    """Write the coefficients of a locally optimal y; return the duration.
 
     Args:
-        program: The limits, which some even rate keeps.
-        y: Receives the coefficients, shape (K + 2,).
-        gap: Share of the duration at which to stop: the sum of all multipliers times slacks, by which
-            the duration of a convex program is above the least.
-        steps: Number of steps at most.
+        program: The limits, which some constant rate keeps.
+        y: Output: coefficients, shape (K + 2,).
+        gap: Optimality gap, relative to the duration, at which to stop: the sum of all multipliers times
+            slacks, which bounds the excess duration of a convex program.
+        steps: Maximum number of steps.
 
     Returns:
-        The duration [s]; inf where some point is none at which to rest.
+        The duration [s]; inf if rest violates a limit at some point.
     """
     rows, count = program.rows, program.weight.size
     multiplier, change = np.empty((2, rows.shape[0], count)), np.empty((2, rows.shape[0], count))
@@ -148,7 +148,7 @@ def _evaluate(program: RateProgram, y: Floats1, state: Floats2) -> float:
 
 @compiled(lean=True)
 def _bounds(program: RateProgram, r: int) -> tuple[float, float]:
-    """Return whether the bound of a row is 1 / sqrt(y), as 1 or 0, and by how much the lower one is wider."""
+    """Return 1 if a row's bound is 1 / sqrt(y), else 0, and how much wider its lower bound is."""
     return 1.0 if r < program.jerk else 0.0, 0.0 if r < program.both else _FAR
 
 
@@ -169,7 +169,7 @@ def _first_multipliers(program: RateProgram, state: Floats2, mu: float, multipli
 def _add_up(program: RateProgram, state: Floats2, multiplier: Floats3) -> _Sums:
     """Return the sums over all limits at the points.
 
-    They are made in new arrays, which overlap with no other, so that points share vector instructions.
+    They are computed in new arrays, which do not overlap others, so that points are vectorized.
     """
     rows, count = program.rows, program.weight.size
     aa, ab, ac, bb = np.zeros(count), np.zeros(count), np.zeros(count), np.zeros(count)
@@ -203,15 +203,15 @@ def _add_up(program: RateProgram, state: Floats2, multiplier: Floats3) -> _Sums:
 def _write_system(
     program: RateProgram, state: Floats2, multiplier: Floats3, fall: float, band: Floats2, right: Floats1
 ) -> float:
-    """Write the matrix of a step and its right-hand side, and return the sum of multipliers times slacks.
+    """Write the matrix of a step and its right-hand side; return the sum of multipliers times slacks.
 
     Args:
         program: The limits.
-        state: See `_evaluate`.
-        multiplier: Shape (2, R, P).
-        fall: Share of that sum which is mu.
-        band: Receives the lower band, shape (K + 2, 3).
-        right: Receives the right-hand side, shape (K + 2,).
+        state: Values at the points, see `_evaluate`, shape (>= 5, P).
+        multiplier: Multipliers, shape (2, R, P).
+        fall: Ratio of mu to that sum.
+        band: Output: lower band of the matrix, shape (K + 2, 3).
+        right: Output: right-hand side, shape (K + 2,).
     """
     sums, left = _add_up(program, state, multiplier), 0.0
     for p in range(state.shape[1]):
@@ -240,16 +240,16 @@ def _change(
     program: RateProgram, multiplier: Floats3, step: Floats1, mu: float, state: Floats2, change: Floats3,
     most: Floats1,
 ) -> None:  # fmt: skip
-    """Write the changes of multipliers, and by which share these and the slacks shrink at most.
+    """Write the changes of multipliers, and the maximum ratios by which multipliers and slacks shrink.
 
     Args:
         program: The limits.
-        multiplier: Shape (2, R, P).
+        multiplier: Multipliers, shape (2, R, P).
         step: Change of the coefficients, shape (K + 2,).
-        mu: See the module.
-        state: See `_evaluate`; receives the changes of Y, shape (8, P).
-        change: Written, shape (2, R, P).
-        most: The greater of what it has and the shares of slacks and of multipliers, shape (2,).
+        mu: Target of multiplier times slack.
+        state: Values at the points, see `_evaluate`; the changes of Y are output, shape (8, P).
+        change: Output: changes of the multipliers, shape (2, R, P).
+        most: Maximum ratios of slacks and of multipliers, increased where exceeded, shape (2,).
     """
     rows, count = program.rows, program.weight.size
     for p in range(count):
@@ -279,7 +279,7 @@ def _change(
 
 @compiled(lean=True)
 def _add_share(multiplier: Floats3, share: float, change: Floats3) -> None:
-    """Add a share of the changes to the multipliers, shape (2, R, P) each."""
+    """Add a fraction of the changes to the multipliers, shape (2, R, P) each."""
     for side in range(2):
         for r in range(multiplier.shape[1]):
             for p in range(multiplier.shape[2]):

@@ -1,4 +1,4 @@
-"""The two passes of TOPP-RA over constraints that were evaluated beforehand.
+"""The two passes of TOPP-RA over constraints that have been evaluated beforehand.
 
 H. Pham and Q.-C. Pham, A new approach to time-optimal path parameterization based on reachability analysis,
 IEEE Trans. Robotics 34, 2018.
@@ -12,29 +12,30 @@ from pepper_kin.arrays import Array
 from pepper_kin.core.timing.tables import PathGrid, PathRows, ProfileSpace
 from pepper_kin.kernels.compiled_function import compiled
 
-_PARALLEL = 1e-12  # of a row's greatest coefficient: less does not bound the path's acceleration
-_ROUNDING = 1e-12
+_PARALLEL = 1e-12  # gain on u, relative to the gain on x, up to which a row does not bound u
+_ROUNDING = 1e-12  # relative tolerance of bounds that meet
 
 
 @compiled("int64(PathGrid, PathRows, ProfileSpace)", lean=True)
 def fastest_profile(grid: PathGrid, rows: PathRows, space: ProfileSpace) -> int:
-    """Find the fastest squared speed from that at the start, `space.x[0]`, to rest.
+    """Find the maximum squared speed from `space.x[0]` at the start to rest at the end.
 
     With u = d2s/dt2 constant on each interval and x = (ds/dt)^2, the rows low <= a u + b x + c <= high hold
-    at both ends of every interval, at the second with x + 2 D u in place of x.  Backward: the greatest and
-    the least x from which the end can be reached.  Forward: the greatest u.
+    at both ends of every interval, at the second with x + 2 D u in place of x, D the interval's length.  The
+    backward pass finds the maximum and minimum x from which the end can be reached, the forward pass the
+    maximum u.
 
     Each linear program has two variables.  For a given x the rows leave an interval of u, whose ends are a
-    concave and a convex function of x; the greatest x is where they meet, and Newton's method finds it from
+    concave and a convex function of x; the maximum x is where they meet, and Newton's method finds it from
     the right in finitely many steps, for both are piecewise linear.
 
     Args:
         grid: The path.
         rows: The constraints.
-        space: Workspace; x[0] is read, the other x are received.
+        space: Workspace; x[0] is input, the other x are output.
 
     Returns:
-        -1; or, where there is no profile, the grid point at which the search ended.
+        -1; or, if there is no profile, the grid point at which the search ended.
     """
     reset_profile(space)
     return repeat_passes(grid, rows, space)
@@ -42,7 +43,7 @@ def fastest_profile(grid: PathGrid, rows: PathRows, space: ProfileSpace) -> int:
 
 @compiled(lean=True)
 def reset_profile(space: ProfileSpace) -> None:
-    """Make the next passes start from nothing but the squared speed at the start."""
+    """Reset the passes, so that only the squared speed at the start is kept."""
     for i in range(space.x.size):
         space.reach[i, 0] = space.reach[i, 1] = 0.0
     space.x[1:] = 0.0
@@ -52,20 +53,20 @@ def reset_profile(space: ProfileSpace) -> None:
 
 @compiled("int64(PathGrid, PathRows, ProfileSpace)", lean=True)
 def repeat_passes(grid: PathGrid, rows: PathRows, space: ProfileSpace) -> int:
-    """Run the passes where constraints have changed since the last time, and where that has consequences.
+    """Run the passes where constraints have changed since the last call, and where the results change.
 
     Args:
         grid: The path.
         rows: The constraints.
-        space: Kept between calls; `changed` marks the intervals on which constraints, or bounds on x at
-            their start, are new.
+        space: Workspace kept between calls; `changed` marks the intervals on which constraints, or bounds on
+            x at their start, are new.
 
     Returns:
-        As `fastest_profile`.
+        -1, or the grid point at which the search ended, as for `fastest_profile`.
     """
     lines, span, reach, x = space.lines, space.span, space.reach, space.x
     size, last = grid.step.size, 2 * rows.low.shape[1]
-    fresh = True  # whether what can be reached from the end of the interval is new
+    fresh = True  # whether the set from which the interval's end can be reached is new
     for i in range(size - 1, -1, -1):
         if not (space.changed[i] or fresh):
             continue
@@ -101,15 +102,15 @@ def repeat_passes(grid: PathGrid, rows: PathRows, space: ProfileSpace) -> int:
 
 @compiled(lean=True)
 def _write_lines(i: int, step: float, node: int, rows: PathRows, lines: Array, span: Array) -> None:
-    """Write every row of an interval as bottom - slope x <= u <= top - slope x; and its span.
+    """Write every row of an interval as bottom - slope x <= u <= top - slope x; and its bounds on x.
 
     Args:
-        i: The interval.
-        step: Its length.
-        node: Its first node.
+        i: Index of the interval.
+        step: Length of the interval.
+        node: First node of the interval.
         rows: The constraints.
-        lines: Row i is written, except for the last line, see `ProfileSpace`, shape (N, 3, 2 r + 1).
-        span: Row i is written, see `ProfileSpace`, shape (N, 3).
+        lines: Entry i is output, except for the last line, see `ProfileSpace`, shape (N, 3, 2 r + 1).
+        span: Row i is output, see `ProfileSpace`, shape (N, 3).
     """
     count, flat, moves = rows.low.shape[1], 0, 0
     for end in range(2):
@@ -131,7 +132,7 @@ def _write_lines(i: int, step: float, node: int, rows: PathRows, lines: Array, s
 
 @compiled(lean=True)
 def _remove_rows_without_u(i: int, step: float, node: int, rows: PathRows, lines: Array, span: Array) -> None:
-    """Move rows that do not bound u from the lines to the bounds on x; shapes as in `_write_lines`."""
+    """Convert interval i's rows without u from lines, shape (N, 3, 2 r + 1), to bounds on x, shape (N, 3)."""
     count = rows.low.shape[1]
     from_x, to_x = 0.0, np.inf
     for end in range(2):
@@ -154,7 +155,7 @@ def _remove_rows_without_u(i: int, step: float, node: int, rows: PathRows, lines
 
 @compiled(lean=True)
 def _extreme(lines: Array, i: int, x: float, greatest: bool) -> float:
-    """Return the greatest x up to this one (or the least from it) with a u in lines, shape (N, 3, k)."""
+    """Return the maximum x up to this one (or minimum from it) with a u within lines, shape (N, 3, k)."""
     last = lines.shape[2] - 1
     for _ in range(200):
         upper, lower = _greatest_u(lines, i, x), _least_u(lines, i, x)
@@ -178,9 +179,9 @@ def _extreme(lines: Array, i: int, x: float, greatest: bool) -> float:
 
 @compiled(lean=True)
 def _greatest_u(lines: Array, i: int, x: float) -> float:
-    """Return the least of all upper bounds on u at x on interval i, from lines, shape (N, 3, k).
+    """Return the minimum of all upper bounds on u at x on interval i, from lines, shape (N, 3, k).
 
-    Four are compared at a time, so that they share vector instructions.
+    Four bounds are compared at a time, so that they are vectorized.
     """
     p = q = r = s = np.inf
     count = lines.shape[2]
@@ -203,7 +204,7 @@ def _greatest_u(lines: Array, i: int, x: float) -> float:
 
 @compiled(lean=True)
 def _least_u(lines: Array, i: int, x: float) -> float:
-    """Return the greatest of all lower bounds, from lines, shape (N, 3, k); see `_greatest_u`."""
+    """Return the maximum of all lower bounds, from lines, shape (N, 3, k); see `_greatest_u`."""
     p = q = r = s = -np.inf
     count = lines.shape[2]
     whole = count // 4 * 4

@@ -1,23 +1,24 @@
-"""Joints from position and velocity to rest at a goal, or to another motion, in one time: bang-bang.
+"""Bang-bang motions of joints, in equal time, from a state of motion to rest at a goal or to another state.
 
-A joint goes from velocity v with acceleration a to a velocity c, keeps it, and brakes with a to rest.  Signs
-are such that the goal lies at a distance d beyond its stopping point, d >= v |v| / 2 a, so that c >= 0.  Its
-least time has c = min(sqrt(a d + v^2 / 2), v_max).  In the time T of the slowest, joints that need not turn
-use the least acceleration: for d < v T / 2 that of braking, v^2 / 2 d, and they wait; for other d the first
-of those below, with w = 0.  A joint that turns does so with all of its own, and c is the lesser root of
+A joint accelerates with a from velocity v to a velocity c, keeps it, and brakes with a to rest.  Signs are
+such that the goal lies at a distance d beyond its stopping point, d >= v |v| / 2 a, so that c >= 0.  Its
+minimum time has c = min(sqrt(a d + v^2 / 2), v_max).  In the time T of the slowest joint, joints that need
+not reverse use the minimum acceleration: for d < v T / 2 they brake with v^2 / 2 d, and wait; for other
+d the first formula below, with w = 0.  A joint that reverses uses all of its acceleration, and c is the
+smaller root of
 
     d = c (T + v / a) - c^2 / a - v^2 / 2 a.
 
-To a velocity w at a distance d in a time T, the least acceleration that does it is used for some time and
-then its opposite: with m = 2 d - T (v + w),
+To reach a velocity w at a distance d in a time T, the minimum acceleration is used for some time and then its
+opposite: with m = 2 d - T (v + w),
 
-    a = (m +- sqrt(m^2 + T^2 (w - v)^2)) / T^2,   the sign that of m,
+    a = (m +- sqrt(m^2 + T^2 (w - v)^2)) / T^2,   with the sign of m,
 
-and where that passes v_max between, with a coast at c = v_max for a > 0, -v_max for a < 0,
+and if that exceeds v_max in between, with a coast at c = v_max for a > 0, -v_max for a < 0,
 
     a = ((c - v)^2 + (c - w)^2) / (2 (c T - d)).
 
-Not every time above one that the limits allow is allowed: they are tried in turn.
+Not every time above a feasible one is feasible: times are tried in turn.
 """
 
 from __future__ import annotations
@@ -27,9 +28,9 @@ import numpy as np
 from pepper_kin.arrays import Array
 from pepper_kin.kernels.compiled_function import compiled
 
-_SAME_TIME = 1e-12  # [s]
-_LONGER = 1.04  # ratio of times that are tried in turn
-_SHORTEST = 0.005  # [s] of them
+_SAME_TIME = 1e-12  # tolerance of equal times [s]
+_LONGER = 1.04  # ratio of successive times that are tried
+_SHORTEST = 0.005  # first time that is tried [s]
 
 
 @compiled("float64(float64[:, ::1], float64[::1], float64[:, ::1], float64[:, :, ::1])")
@@ -38,13 +39,13 @@ def steer(state: Array, goal: Array, limits: Array, phases: Array) -> float:
 
     Args:
         state: Position and velocity, shape (2, n) [rad or m, 1/s].
-        goal: Position, shape (n,).
-        limits: Of velocity and acceleration, finite and above zero, shape (2, n).
-        phases: Receives duration, and velocity, acceleration and jerk at the start of each phase, shape
+        goal: Goal position, shape (n,).
+        limits: Limits of velocity and acceleration, finite and positive, shape (2, n).
+        phases: Output: duration, and velocity, acceleration and jerk at the start of each phase, shape
             (n, 3, 4).
 
     Returns:
-        The time of the slowest joint [s], in which all of them arrive.
+        The time of the slowest joint [s], at which all joints arrive.
     """
     n, longest = goal.size, 0.0
     for j in range(n):
@@ -71,7 +72,7 @@ def steer(state: Array, goal: Array, limits: Array, phases: Array) -> float:
 
 @compiled
 def _write_phases(time: float, a: float, v: float, c: float, w: float, phases: Array) -> None:
-    """Write the phases of a joint from velocity v to c and w, with accelerations of a size, shape (3, 4)."""
+    """Write the phases of a joint from velocity v to c and w with acceleration +-|a|, shape (3, 4)."""
     first, last = (abs(c - v) / abs(a), abs(w - c) / abs(a)) if a != 0.0 else (0.0, 0.0)
     phases[0, 0], phases[0, 1], phases[0, 2] = first, v, abs(a) if c > v else -abs(a)
     phases[1, 0], phases[1, 1], phases[1, 2] = max(time - first - last, 0.0), c, 0.0
@@ -86,13 +87,14 @@ def bridge(state: Array, target: Array, limits: Array, longest: float, phases: A
 
     Args:
         state: Position and velocity at the start, shape (2, n) [rad or m, 1/s].
-        target: At the end, shape (2, n); both within the limits.
-        limits: Of velocity and acceleration as in `steer`, least and greatest position, shape (4, n).
-        longest: Time that it may take [s].
-        phases: As in `steer`.
+        target: Position and velocity at the end, shape (2, n); both within the limits.
+        limits: Limits of velocity and acceleration as in `steer`, then minimum and maximum position, shape
+            (4, n).
+        longest: Maximum duration [s].
+        phases: Output, as in `steer`, shape (n, 3, 4).
 
     Returns:
-        The time [s]; 0 where none of those tried is long enough and below the longest.
+        The duration [s]; 0 if none of those tried is feasible up to the maximum.
     """
     n, time = limits.shape[1], _SHORTEST
     for j in range(n):
@@ -114,13 +116,13 @@ def bridge(state: Array, target: Array, limits: Array, longest: float, phases: A
 
 @compiled
 def _allowed(state: Array, target: Array, limits: Array, time: float, j: int) -> bool:
-    """Return whether a joint keeps its limits in a time; see `bridge`."""
+    """Return whether joint j keeps its limits in a given duration; see `bridge`."""
     d, v, w = target[0, j] - state[0, j], state[1, j], target[1, j]
     a, c = _least_acceleration(d, v, w, limits[0, j], time)
     if not abs(a) <= limits[1, j]:
         return False
     for end, speed, back in ((state[0, j], v, -a), (target[0, j], w, a)):
-        if speed * c < 0.0:  # it turns round beyond this end
+        if speed * c < 0.0:  # the joint reverses beyond this end
             turn = end + speed * speed / (2.0 * back)
             if turn < limits[2, j] or turn > limits[3, j]:
                 return False
@@ -136,7 +138,7 @@ def _least_acceleration(d: float, v: float, w: float, top: float, time: float) -
         v: Velocity at the start.
         w: Velocity at the end.
         top: Limit of velocity.
-        time: Time to take [s].
+        time: Duration [s].
     """
     m, change = 2.0 * d - time * (v + w), w - v
     root = np.sqrt(m * m + time * time * change * change)
@@ -153,26 +155,26 @@ def _least_acceleration(d: float, v: float, w: float, top: float, time: float) -
 
 @compiled
 def _direction(state: Array, goal: Array, limits: Array, j: int) -> float:
-    """Return the sign of the way from a joint's stopping point to its goal."""
+    """Return the sign of the direction from a joint's stopping point to its goal."""
     v = state[1, j]
     return 1.0 if goal[j] - state[0, j] >= v * abs(v) / (2 * limits[1, j]) else -1.0
 
 
 @compiled("int64(float64[::1], float64[:, :, ::1], float64[::1], float64[:, :, ::1])")
 def join_phases(position: Array, phases: Array, breaks: Array, coefficients: Array) -> int:
-    """Write phases of joints, each with its own times, as cubics of all; who ends early rests.
+    """Convert phases of joints with separate times to cubics of all joints; a joint that ends early rests.
 
     Args:
         position: Positions at the start, shape (n,).
         phases: Duration, and velocity, acceleration and jerk at the start of each phase, shape (n, 3, 4).
-        breaks: Receives the ends of the pieces [s], shape (3 n + 1,).
-        coefficients: Receives the pieces, constant term first, shape (3 n, 4, n).
+        breaks: Output: ends of the segments [s], shape (3 n + 1,).
+        coefficients: Output: segments, constant term first, shape (3 n, 4, n).
 
     Returns:
-        The number of pieces; pieces of less than 1e-12 s are left out.
+        The number of segments; segments of less than 1e-12 s are left out.
     """
     n, count = position.size, 0
-    for j in range(n):  # insertion into the ordered times
+    for j in range(n):  # insertion into the sorted times
         end = 0.0
         for k in range(3):
             end += phases[j, k, 0]

@@ -1,4 +1,4 @@
-"""The hardest stop along a motion's own geometry.
+"""The fastest stop along a motion's own path.
 
 The path parameter s is the motion's own time.  With x = (ds/dt)^2 and a constant u = d2s/dt2 on an interval,
 d = s - s_i and x = x_i + 2 u d, a joint's acceleration
@@ -6,10 +6,10 @@ d = s - s_i and x = x_i + 2 u d, a joint's acceleration
     q'' x + q' u = q''(d) x_i + (q'(d) + 2 d q''(d)) u
 
 is a polynomial in d, whose Bernstein coefficients are linear in (x_i, u): their bounds are bounds on the
-acceleration at every instant.  Torques and edge moments c + b x + a u are compared at the start, the middle
-and the end of an interval, with a reserve for their bend.  The motion itself (u = 0, x = 1) keeps its limits,
-and so does rest: all (0, x) with x in [0, 1] do, for the limits are convex in (u, x).  So u = 0 is always
-left, no pass backward is needed, and the least u of each interval leads to the shortest stop.
+acceleration at all times.  Torques and edge moments c + b x + a u are compared at the start, the middle
+and the end of an interval, with a reserve for their curvature.  The motion itself (u = 0, x = 1) keeps its
+limits, and so does rest: all (0, x) with x in [0, 1] do, for the limits are convex in (u, x).  So u = 0 is
+always feasible, no backward pass is needed, and the minimum u of each interval leads to the shortest stop.
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ from pepper_kin.arrays import Array
 from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats3, Ints1
 
-_HARDEST = 1e6  # [1/s^2] where nothing bounds u, because nothing moves
-_NONE = 1e-14
+_HARDEST = 1e6  # bound on |u| where nothing moves and nothing else bounds it [1/s^2]
+_NONE = 1e-14  # gain up to which a row does not bound u
 
 
 class StopPath(NamedTuple):
-    """A motion from an instant on, in intervals that its breaks end, and the profile of its stop.
+    """A motion from a given time on, in intervals within its segments, and the profile of its stop.
 
     Attributes:
-        segment: Piece of each interval, shape (N,).
-        local: Start of each interval in its piece [s], shape (N,).
+        segment: Segment of each interval, shape (N,).
+        local: Start of each interval in its segment [s], shape (N,).
         step: Length of each interval [s], shape (N,).
         taylor: Taylor coefficients of the motion at the start of each interval, shape (N, k, n).
-        x: Squared speed (ds/dt)^2 at the ends of the intervals, 1 at first, shape (N + 1,).
+        x: Squared speed (ds/dt)^2 at the ends of the intervals, initially 1, shape (N + 1,).
     """
 
     segment: Ints1
@@ -48,11 +48,11 @@ class StopLimits(NamedTuple):
     """Limits of a stop.
 
     Attributes:
-        acceleration: Of the joints [rad/s^2 or m/s^2], shape (n,).
-        effects: Torques and edge moments c of rest, c + a of unit u and c + b of unit x at the start, the
+        acceleration: Acceleration limits of the joints [rad/s^2 or m/s^2], shape (n,).
+        effects: Torques and edge moments c at rest, c + a at unit u and c + b at unit x at the start, the
             middle and the end of each interval, shape (3, 3 N, r) [N m or N].
-        low: Their lower limits, shape (r,).
-        high: Their upper limits, shape (r,).
+        low: Lower limits of the effects, shape (r,) [N m or N].
+        high: Upper limits of the effects, shape (r,) [N m or N].
     """
 
     acceleration: Floats1
@@ -63,14 +63,14 @@ class StopLimits(NamedTuple):
 
 @compiled("int64(float64[::1], float64[:, :, ::1], float64, float64, StopPath)")
 def cut_path(breaks: Array, coefficients: Array, at: float, longest: float, path: StopPath) -> int:
-    """Cut a motion from an instant on into intervals, as many as the arrays hold or as there are.
+    """Divide a motion from a given time on into intervals, until the arrays are full or the motion ends.
 
     Args:
-        breaks: Ends of its pieces [s], shape (m + 1,).
+        breaks: Ends of the segments [s], shape (m + 1,).
         coefficients: Constant term first, shape (m, k, n).
-        at: The instant [s].
-        longest: Greatest length of an interval [s].
-        path: All but `x` is written.
+        at: Start time [s].
+        longest: Maximum length of an interval [s].
+        path: Output, all but `x`.
 
     Returns:
         The number of intervals.
@@ -103,16 +103,16 @@ def cut_path(breaks: Array, coefficients: Array, at: float, longest: float, path
 
 @compiled("int64(int64, float64[:, ::1], StopPath, StopLimits)")
 def stop_profile(count: int, basis: Array, path: StopPath, limits: StopLimits) -> int:
-    """Find the least speed along the path, interval by interval.
+    """Find the minimum speed along the path, interval by interval.
 
     Args:
         count: Number of intervals.
-        basis: Gains of Bernstein coefficients of degree k - 2 on powers, shape (k - 1, k - 1).
-        path: `x` is written; the step of the last interval is cut to where the motion rests.
+        basis: Gains from powers to Bernstein coefficients of degree k - 2, shape (k - 1, k - 1).
+        path: `x` is output; the step of the last interval is shortened to where the motion rests.
         limits: The limits.
 
     Returns:
-        The number of intervals until rest; 0 where the path ends before.
+        The number of intervals until rest; 0 if the path ends before.
     """
     order, n = path.taylor.shape[1], path.taylor.shape[2]
     bend, pull, x = np.zeros(order), np.zeros(order), 1.0
@@ -151,7 +151,7 @@ def stop_profile(count: int, basis: Array, path: StopPath, limits: StopLimits) -
 def _bounded(
     low: float, high: float, gain: float, value: float, least: float, most: float
 ) -> tuple[float, float]:
-    """Return the interval [low, high] of u cut by least <= value + gain u <= most."""
+    """Return the interval [low, high] of u intersected with least <= value + gain u <= most."""
     if gain > _NONE:
         low, high = max(low, (least - value) / gain), min(high, (most - value) / gain)
     elif gain < -_NONE:
@@ -165,9 +165,9 @@ def _bounded(
 def _bounded_effect(
     low: float, high: float, hardest: float, i: int, r: int, x: float, step: float, limits: StopLimits
 ) -> tuple[float, float]:
-    """Return the interval of u cut by one torque or edge moment on interval i, |u| being at most `hardest`.
+    """Return the interval of u restricted by one torque or edge moment on interval i, with |u| <= hardest.
 
-    The reserve is four times what a parabola through the three values leaves its chords by.
+    The reserve is four times the maximum deviation of a parabola through the three values from its chords.
     """
     k, effects = 3 * i, limits.effects
     reserve = 0.0
@@ -189,8 +189,8 @@ def stop_polynomials(count: int, path: StopPath, breaks: Array, coefficients: Ar
     Args:
         count: Number of intervals, K.
         path: The path with its profile.
-        breaks: Receives the times at the ends of the intervals [s], shape (K + 1,).
-        coefficients: Receives the pieces, constant term first, shape (K, 2 k - 1, n).
+        breaks: Output: times at the ends of the intervals [s], shape (K + 1,).
+        coefficients: Output: segments, constant term first, shape (K, 2 k - 1, n).
     """
     order, n = path.taylor.shape[1], path.taylor.shape[2]
     breaks[0] = 0.0

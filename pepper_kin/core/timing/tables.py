@@ -10,11 +10,11 @@ from pepper_kin.kernels.signatures import Flags1, Floats1, Floats2, Floats3, Int
 class PathGrid(NamedTuple):
     """A piecewise cubic path of n joints on a grid that keeps its breaks.
 
-    Where two segments of the path meet there are two nodes, one for each side.
+    Where two segments of the path meet there are two nodes, one for each segment.
 
     Attributes:
         step: Length of each interval, shape (N,).
-        first: Node at the start of each interval; its end is the next node, shape (N,).
+        first: Index of the node at the start of each interval; the next node is its end, shape (N,).
         s: Path parameter at the grid points, shape (N + 1,).
         at: q [rad or m], q' and q'' at the nodes, shape (3, M, n).
         taylor: Taylor coefficients of the path at the start of each interval, shape (N, 4, n).
@@ -28,13 +28,13 @@ class PathGrid(NamedTuple):
 
 
 class PathEffects(NamedTuple):
-    """Limited quantities along a path besides the motion of joints.
+    """Limited quantities along a path other than joint velocities and accelerations.
 
     Attributes:
-        torque: At `grid.coefficient_states`, shape (3, M, n or 0) [N m or N].
-        moments: Edge moments of the support polygon alike, shape (3, M, k) [N m].
+        torque: Torques at `grid.coefficient_states`, shape (3, M, n or 0) [N m or N].
+        moments: Edge moments of the support polygon at the same states, shape (3, M, k) [N m].
         frame_speed: |dp/ds| of each limited frame over its limit at the nodes, shape (M, f).
-        frame_middle: The same in the middle of the intervals, shape (N, f).
+        frame_middle: |dp/ds| over the limit in the middle of the intervals, shape (N, f).
     """
 
     torque: Floats3
@@ -47,10 +47,10 @@ class PathLimits(NamedTuple):
     """Limits of a path's timing.
 
     Attributes:
-        velocity: Of the joints, shape (n,) [rad/s or m/s].
-        acceleration: Of the joints, shape (n,) [rad/s^2 or m/s^2].
-        torque: Of the joints, shape (n or 0,) [N m or N].
-        x: Bound on x where there is no other.
+        velocity: Velocity limits of the joints, shape (n,) [rad/s or m/s].
+        acceleration: Acceleration limits of the joints, shape (n,) [rad/s^2 or m/s^2].
+        torque: Torque limits of the joints, shape (n or 0,) [N m or N].
+        x: Bound on x where nothing else bounds it.
     """
 
     velocity: Floats1
@@ -62,11 +62,11 @@ class PathLimits(NamedTuple):
 class PathRows(NamedTuple):
     """Constraints low <= a u + b x + c <= high at both ends of each interval, and x <= x_most.
 
-    The first n rows are accelerations, then follow torques and edge moments.
+    The first n rows are accelerations, followed by torques and edge moments.
 
     Attributes:
         a: Gains on u at the nodes, shape (M, r).
-        b: Gains on x, shape (M, r).
+        b: Gains on x at the nodes, shape (M, r).
         c: Values at rest, shape (M, r).
         middle: a, b and c in the middle of every interval, without accelerations, shape (3, N, r - n).
         low: Lower bounds by interval, shape (N, r).
@@ -87,12 +87,12 @@ class ProfileSpace(NamedTuple):
     """Workspace of the passes, which keep results between calls, and the profiles found.
 
     Attributes:
-        lines: Rows as bounds on u, shape (N, 3, 2 r + 1).
-        span: Bounds on x of rows without u, and whether the path can be rested on (1 or 0), shape (N, 3).
-        reach: Least and greatest x from which the end can be reached, shape (N + 1, 2).
-        changed: Intervals whose bounds are new, shape (N,).
-        x: Squared speed that the passes found at the grid points, shape (N + 1,).
-        best: The best of several, shape (N + 1,).
+        lines: Rows as bounds on u: upper, lower, and slope in x, shape (N, 3, 2 r + 1).
+        span: Bounds on x from rows without u, and whether the path allows rest (1 or 0), shape (N, 3).
+        reach: Minimum and maximum x from which the end can be reached, shape (N + 1, 2).
+        changed: Whether an interval's bounds are new, shape (N,).
+        x: Squared speed of the passes at the grid points, shape (N + 1,).
+        best: Squared speed of the best of several passes, shape (N + 1,).
     """
 
     lines: Floats3
@@ -108,7 +108,7 @@ class Instants(NamedTuple):
 
     Attributes:
         interval: Interval of the grid, shape (T,).
-        local: Time since the start of the interval, of the motion that is not slowed down [s], shape (T,).
+        local: Time since the start of the interval, in the motion before stretching [s], shape (T,).
     """
 
     interval: Ints1
@@ -119,9 +119,9 @@ class StateEffects(NamedTuple):
     """Limited quantities of some states.
 
     Attributes:
-        torque: Shape (T, n or 0) [N m or N].
-        moments: Edge moments, at least 0 where the robot stands, shape (T, k) [N m].
-        frame_speed: Speed over its limit, shape (T, f).
+        torque: Torques, shape (T, n or 0) [N m or N].
+        moments: Edge moments, at least 0 if the robot does not tip, shape (T, k) [N m].
+        frame_speed: Ratio of each frame's speed to its limit, shape (T, f).
     """
 
     torque: Floats2

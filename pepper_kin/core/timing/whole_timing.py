@@ -1,4 +1,4 @@
-"""Whole timing of a piecewise cubic path in one call, down to the polynomials of its fastest motion."""
+"""Complete timing of a piecewise cubic path in one call, up to the polynomials of its fastest motion."""
 
 from __future__ import annotations
 
@@ -32,23 +32,23 @@ from pepper_kin.kernels.compiled_function import compiled
 from pepper_kin.kernels.signatures import Floats1, Floats2, Floats3, Ints1
 
 CHECK_STEP = 0.001
-"""Torques and edge moments are examined at multiples of this [s]."""
+"""Time between the samples at which torques are examined [s]."""
 
 LONGEST_MOTION = 3600.0
-"""A motion that takes longer than this [s] is not examined every millisecond, and is refused."""
+"""Maximum duration of a motion [s]: a longer one is not examined every millisecond, and is refused."""
 
 MORE, LEAST = 1.1, 2e-6
-"""A motion is stretched a little more than needed: by so many times the violation, and by so much."""
+"""Factor on the violation, and added ratio, by which a motion is stretched a little more than necessary."""
 
 TOLERANCE = 1e-9
-"""Of a limit, for rounding."""
+"""Tolerance relative to a limit, for rounding."""
 
 
 class TorqueKernel(NamedTuple):
-    """The kernel of the torques of many states.
+    """Kernel of the torques of many states.
 
     Attributes:
-        address: Of the `batch` of a kernel from q, v and a to torques.
+        address: Address of the `batch` of a kernel from q, v and a to torques.
         work: Workspace of the kernel, shape (>= work_size,).
         words: Workspace, shape (8,).
     """
@@ -59,20 +59,20 @@ class TorqueKernel(NamedTuple):
 
 
 class TimedPath(NamedTuple):
-    """A path whose timing is sought, with the workspace for it.
+    """A path to be timed, with output and workspace.
 
     Attributes:
         breaks: Ends of the segments, shape (m + 1,).
         curve: Coefficients, constant term first, shape (m, 4, n).
-        grid: Receives the path on its grid.
-        effects: Receives its torques; no moments and no speeds of frames.
-        torques: The same memory with a row for each state, shape (3 M, n or 0) [N m or N].
-        limits: Its limits, those of torque included.
-        rows: Receives the constraints.
-        space: Workspace of the search, of which `states` may share memory with `lines`.
+        grid: Output: the path on its grid.
+        effects: Output: its torques, without moments and frame speeds.
+        torques: The memory of `effects.torque` with a row for each state, shape (3 M, n or 0) [N m or N].
+        limits: Limits, including torque.
+        rows: Output: the constraints.
+        space: Workspace of the search; `states` may share memory with its `lines`.
         states: Workspace, shape (3, 3 M, n).
-        times: Receives the times at the grid points, shape (N + 1,) [s].
-        motion: Receives the segments of the motion, constant term first, shape (N, 7, n).
+        times: Output: times at the grid points, shape (N + 1,) [s].
+        motion: Output: segments of the motion, constant term first, shape (N, 7, n).
     """
 
     breaks: Floats1
@@ -96,9 +96,9 @@ def _write_torques(kernel: TorqueKernel, states: Array, torque: Array) -> None:
 
 @compiled
 def _kept(path: TimedPath, kernel: TorqueKernel, stretch: float) -> float:
-    """Examine torques at every multiple of 1 ms where they are near their limits; return the stretch.
+    """Examine torques at every multiple of 1 ms where they are near their limits; return the stretch factor.
 
-    Of a motion that would take longer than `LONGEST_MOTION`, inf.
+    The result is inf for a motion that would take longer than `LONGEST_MOTION`.
     """
     grid, rows, limit, x, n = path.grid, path.rows, path.limits.torque, path.space.best, path.curve.shape[2]
     duration = profile_duration(grid, x)
@@ -117,7 +117,7 @@ def _kept(path: TimedPath, kernel: TorqueKernel, stretch: float) -> float:
         more = tighten_states(grid, limit, rows, n, samples.interval[:count], asked, False)
         if more <= 1.0 + TOLERANCE:
             break
-        stretch *= 1.0 + MORE * (more - 1.0) + LEAST  # the samples examined next are others
+        stretch *= 1.0 + MORE * (more - 1.0) + LEAST  # the next samples lie elsewhere
     return stretch
 
 
@@ -126,13 +126,13 @@ def time_path(path: TimedPath, kernel: TorqueKernel, intervals: int) -> tuple[in
     """Find the fastest motion along a path within limits of velocity, acceleration and torque.
 
     Args:
-        path: The path; its workspace is written to.
-        kernel: Of the torques.
-        intervals: Least number of intervals of the grid, those that the arrays are made for.
+        path: The path; its output and workspace are written.
+        kernel: Kernel of the torques.
+        intervals: Minimum number of intervals of the grid, as assumed by the sizes of the arrays.
 
     Returns:
-        As `optimal_profile`: where the status is FOUND and the stretch is finite, `times` and `motion` are
-        written, and the stretch is what torques need as well.
+        Status, grid point and stretch factor as of `optimal_profile`: if the status is FOUND and the factor
+        is finite, `times` and `motion` are written, and the factor includes torques.
     """
     grid = path.grid
     fill_grid(path.breaks, path.curve, intervals, grid)
