@@ -3,14 +3,14 @@
 Broker                                    a simulated Pepper with ALMotion, ALMemory, ...
 Host                                      serves them to clients of `qi`
 run_script, ScriptResult                  runs an unmodified script
-run_behavior, BehaviorResult              runs a project of Choregraphe
-RunLog                                    a run of the twin from what happened
+run_behavior, BehaviorResult              runs a behavior of a Choregraphe project
+RunLog                                    the log of a simulated body, as a run of the twin
 coverage, coverage_summary                which methods are simulated
-NaoqiError, NotSimulatedError, RefusedByRobotError   what its calls raise
-Robot, RobotState                         a robot from outside: state, motions with a certificate
-FollowOptions, RobotMotionResult, RobotMotionStatus   how a motion is followed, and what came of it
-Mirror, states_of_run                     a twin beside a robot, live or recorded, and how they differ
-RobotConnectionError, UnusableStateError   there is no connection; a state that cannot be used
+NaoqiError, NotSimulatedError, RefusedByRobotError   errors of the modules' calls
+Robot, RobotState                         client of a robot: its state, and motions with a certificate
+FollowOptions, RobotMotionResult, RobotMotionStatus   how a motion is followed, and its outcome
+Mirror, states_of_run                     a twin that follows a robot's commands, live or recorded
+RobotConnectionError, UnusableStateError   no connection; a measured state that cannot be used
 """
 
 from __future__ import annotations

@@ -20,13 +20,13 @@ class ALAnimationPlayer(Module):
     name = "ALAnimationPlayer"
 
     def run(self, path: str) -> None:
-        """Play the gesture that comes nearest to an animation; blocks."""
+        """Play the gesture that stands for an animation; return when it has ended."""
         if not isinstance(path, str) or not path:
             raise self.fail("run", f"path: got {quoted(path)}, expected the name of an animation")
         self.play(gesture_for(path))
 
     def runTag(self, tag: str, *_: Any) -> None:
-        """Play an animation with a tag; blocks."""
+        """Play the animation of a tag; return when it has ended."""
         known = self._tags()
         if str(tag).lower() not in known:
             raise self.fail("runTag", f"tag: got {quoted(tag)}, expected one of {', '.join(known)}")
@@ -38,11 +38,11 @@ class ALAnimationPlayer(Module):
             self.body.tasks.kill([t for t in self.body.tasks if t.name == "animation"], self.body)
 
     def reset(self) -> None:
-        """Forget the tags that were declared."""
+        """Remove the declared tags."""
         self.__dict__.pop("_own_tags", None)
 
     def declareTagForAnimations(self, tags: Any) -> None:
-        """Give animations further tags: {tag: [animation, ...]}."""
+        """Declare further tags, {tag: [animation, ...]}; the first animation of each tag is used."""
         own = self.__dict__.setdefault("_own_tags", {})
         for tag, animations in dict(tags).items():
             own[str(tag).lower()] = gesture_for(str(animations[0]))
@@ -59,7 +59,7 @@ class ALAnimationPlayer(Module):
         return [] if found is None else [f"{PREFIX}{found}_1"]
 
     def play(self, name: str) -> None:
-        """Play a gesture; blocks."""
+        """Play a gesture; return when it has ended."""
         self.body.wait(self.body.do(animation(name)))
 
     def _tags(self) -> dict[str, str]:
@@ -72,7 +72,7 @@ class ALAnimationPlayer(Module):
 def gesture_for(name: str) -> str:
     """Return the gesture that stands for an animation ("animations/Stand/Gestures/Hey_1").
 
-    "explain" for others.
+    "explain" for a name that no gesture matches.
     """
     last = name.rstrip("/").split("/")[-1].lower() + "_"
     for part, meant in table("gestures").items():
@@ -90,7 +90,7 @@ def animation(name: str) -> TrajectoryTask:
 
 
 class ALBehaviorManager(Module):
-    """Behaviors: animations of this library can be run under their names; nothing else is installed."""
+    """Behaviors: the library's animations under their names; no other behavior is installed."""
 
     name = "ALBehaviorManager"
 
@@ -112,13 +112,13 @@ class ALBehaviorManager(Module):
         return name if self.isBehaviorInstalled(name) else ""
 
     def runBehavior(self, name: str) -> None:
-        """Play an animation; blocks."""
+        """Play an animation; return when it has ended."""
         if not self.isBehaviorInstalled(name):
             raise self.fail("runBehavior", f"{quoted(name)} is not installed; the twin has animations only")
         self.broker.module("ALAnimationPlayer").run(name)
 
     def startBehavior(self, name: str) -> None:
-        """Play an animation; returns at once."""
+        """Start an animation; return at once."""
         if not self.isBehaviorInstalled(name):
             raise self.fail("startBehavior", f"{quoted(name)} is not installed; the twin has animations only")
         self.body.do(animation(gesture_for(name)))

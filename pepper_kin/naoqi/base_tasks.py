@@ -1,4 +1,4 @@
-"""Tasks that move the base: a velocity, or a way to a place."""
+"""Tasks that move the base: a velocity, or a path through poses."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ if TYPE_CHECKING:
 
 
 NEAR, TURNED = 0.004, 0.008
-"""Where a place counts as reached [m, rad]."""
+"""Distance [m] and angle [rad] from a pose below which the pose counts as reached."""
 
 
 def as_turn(angle: float) -> float:
-    """Return an angle between -pi and pi [rad]; half a turn keeps its sign, as pi in 32 bits is above pi."""
+    """Wrap an angle to -pi to pi [rad]; half a turn keeps its sign, as pi in 32 bits is above pi."""
     return angle if abs(angle) < math.pi + TURNED else math.remainder(angle, 2.0 * math.pi)
 
 
 class VelocityTask(BodyTask):
-    """The base moves with a velocity until somebody stops it.
+    """Move the base with a velocity until the task is stopped.
 
     Args:
-        name: Method that began it.
-        twist: v_x, v_y [m/s], omega [rad/s] in the axes of the base.
+        name: Name of the method that started the task.
+        twist: Velocity v_x, v_y [m/s], omega [rad/s] in the axes of the base, shape (3,).
     """
 
     def __init__(self, name: str, twist: Sequence[float]) -> None:
@@ -40,7 +40,7 @@ class VelocityTask(BodyTask):
         self.twist = np.asarray(twist, dtype=float)
 
     def step(self, body: Body) -> bool:
-        """Command the velocity; a command of zero ends when the base stands."""
+        """Command the velocity; a command of zero ends when the base is at rest."""
         if body.blocked(self.twist):
             self.error = "an obstacle is nearer than the security distance"
             body.controller.command((0.0, 0.0, 0.0))
@@ -49,20 +49,20 @@ class VelocityTask(BodyTask):
         return bool(np.abs(self.twist).max() > 0 or np.abs(body.controller.twist).max() > 1e-6)
 
     def finish(self, body: Body) -> None:
-        """Brake, unless another task drives on."""
+        """Command the velocity zero."""
         body.controller.command((0.0, 0.0, 0.0))
 
 
 class MoveToTask(BodyTask):
-    """The base goes through places.
+    """Move the base through poses.
 
-    From each to the next it turns by the difference of their yaws, to the left where that is above 0.
+    Between two poses it turns by the difference of their yaws, to the left where the difference is positive.
 
     Args:
-        name: Method that began it.
-        places: x, y [m], yaw [rad], shape (3,) each, in the frame of the base where it starts.
-        world: Whether the places are in the world instead.
-        duration: The time to take for the whole way [s]; as fast as the limits allow if None.
+        name: Name of the method that started the task.
+        places: Poses x, y [m], yaw [rad], shape (3,) each, in the frame of the base at the start.
+        world: Whether the poses are in the world frame instead.
+        duration: Time for the whole path [s]; as fast as the limits allow if None.
     """
 
     def __init__(
@@ -81,7 +81,7 @@ class MoveToTask(BodyTask):
         self._stuck = 0
 
     def start(self, body: Body) -> None:
-        """Put the places into the world."""
+        """Transform the poses into the world frame."""
         here = np.array(body.base_pose(False))
         x, y, yaw = here.tolist()
         cos, sin = math.cos(yaw), math.sin(yaw)
@@ -132,7 +132,7 @@ class MoveToTask(BodyTask):
         return True
 
     def _speed(self, left: float, fastest: float, strongest: float) -> float:
-        """Return v = min(v_max, sqrt(a d)): half of the deceleration allowed, so that the ramp can follow."""
+        """Return v = min(v_max, sqrt(a d)): half of the maximum deceleration, so that the ramp can follow."""
         return min(self._share * fastest, math.sqrt(strongest * left), left / CYCLE)
 
     def finish(self, body: Body) -> None:

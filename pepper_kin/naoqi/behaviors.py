@@ -1,7 +1,8 @@
 """Behaviors of Choregraphe, run against the twin: boxes, their scripts, signals and timelines.
 
-The boxes of a diagram are loaded with it.  A box that is started loads its own diagram, or plays its
-timeline, whose key frames load diagrams; when it stops, these are unloaded.  Signals run beside each other.
+The boxes of a diagram are loaded with the diagram.  A box that is started loads its own diagram, or plays
+its timeline, whose key frames load diagrams; when the box stops, the diagrams are unloaded.  Signals run
+concurrently.
 """
 
 from __future__ import annotations
@@ -34,17 +35,17 @@ TIMELINE = "timeline"
 """Name of the tasks that play timelines."""
 
 PROJECTS = (".pml", ".xar", ".pkg")
-"""Endings of files that `run_behavior` takes, beside folders."""
+"""File extensions that `run_behavior` takes, in addition to folders."""
 
 
 @dataclass(frozen=True)
 class BehaviorResult(ScriptResult):
-    """What came of a behavior.
+    """Outcome of a behavior.
 
     Attributes:
-        behavior: Its name.
-        behaviors: Names of all of its project.
-        failures: For each box that failed its path and why.
+        behavior: Name of the behavior.
+        behaviors: Names of all behaviors of its project.
+        failures: Path of each box that failed, and the reason.
     """
 
     behavior: str = ""
@@ -57,18 +58,18 @@ def run_behavior(
 ) -> BehaviorResult:
     """Run a behavior of a project against the twin of this process.
 
-    It ends with its root box, or where nothing goes on and nothing is left that could begin: in simulated
-    time also where boxes wait for events.
+    The behavior ends with its root box, or when nothing runs and nothing can start any more; in simulated
+    time also when boxes still wait for events.
 
     Args:
         path: A project (.pml), a behavior (.xar), an application (.pkg) or a folder that holds one.
-        name: Of the behavior; the first if omitted.
+        name: Name of the behavior; the first of the project if omitted.
         broker: The simulated robot.
-        longest: Time of the twin after which it is interrupted [s].
+        longest: Simulated time after which the behavior is interrupted [s].
 
     Raises:
-        FileFormatError: for what is no project, or a box that cannot be read.
-        InvalidValueError: for a behavior that the project has not, or a time that is not above 0.
+        FileFormatError: for a file that is no project, or a box that cannot be read.
+        InvalidValueError: for a behavior that is not in the project, or a time that is not above 0.
     """
     check_longest(longest)
     with tempfile.TemporaryDirectory() as unpacked:
@@ -95,15 +96,15 @@ def _boxes(box: ChoregrapheBox) -> list[ChoregrapheBox]:
 
 
 class Behavior:
-    """A behavior that runs.
+    """A running behavior.
 
     Args:
-        root: Its root box.
-        file: Where it stands.
+        root: Root box of the behavior.
+        file: File of the behavior.
         broker: The simulated robot.
 
     Attributes:
-        failures: Path of each box that failed, and why.
+        failures: Path of each box that failed, and the reason.
     """
 
     def __init__(self, root: ChoregrapheBox, file: Path, broker: Broker) -> None:
@@ -112,11 +113,11 @@ class Behavior:
         self.reads: Callable[..., str] = input
         self.session = qi.Session()
         self.ended = False
-        self.waits_for = 0  # subscriptions of inputs
+        self.waits_for = 0  # number of events that inputs are subscribed to
         self._number = 0
 
     def run(self, reads: Callable[..., str]) -> None:
-        """Run it to its end."""
+        """Run the behavior to its end."""
         self.reads = reads
         clock, manager = self.broker.body.time, self.broker.module("ALFrameManager")
         self.session.connect()
@@ -129,7 +130,7 @@ class Behavior:
         finally:
             with suppress(Exception, TimeIsUp):
                 root.unload()
-            self._end_timelines()  # also where a box did not let the others be unloaded
+            self._end_timelines()  # even if a box failed to unload
             self.broker.add_module("ALFrameManager", manager)
 
     def _end_timelines(self) -> None:
@@ -138,18 +139,18 @@ class Behavior:
             body.tasks.kill([task for task in body.tasks if task.name == TIMELINE], body)
 
     def beside(self, does: Callable[[], None]) -> None:
-        """Let something go on beside the caller, who goes on when it waits for time to pass."""
+        """Run a function in a thread whose start the simulated time waits for."""
         thread = threading.Thread(target=does, daemon=True)
         thread.start()
         self.broker.body.time.follow(vars(thread).get("worker"))
 
     def unique_name(self, box: ChoregrapheBox) -> str:
-        """Return a module's name for a box."""
+        """Return a unique module name for a box."""
         self._number += 1
         return f"{box.path.replace('/', '__').replace(' ', '')}_{self._number}"
 
     def failed(self, box: ChoregrapheBox, error: BaseException) -> None:
-        """Keep why a box failed."""
+        """Record why a box failed."""
         frames = traceback.extract_tb(error.__traceback__)
         lines = [f"line {one.lineno}: " for one in frames if one.filename == str(self.file)]
         said = f"{lines[-1] if lines else ''}{type(error).__name__}: {' '.join(str(error).split())}"
@@ -157,6 +158,7 @@ class Behavior:
         self.broker.log(f"{box.path}: {said}")
 
     def _is_over(self) -> bool:
+        """Return whether the behavior has ended, or nothing can happen any more."""
         if self.ended:
             return True
         time, tasks = self.broker.body.time, self.broker.body.tasks
@@ -166,7 +168,7 @@ class Behavior:
 
 
 class _FrameManager:
-    """ALFrameManager, as far as boxes ask it where they are."""
+    """The part of ALFrameManager that boxes call for their folder."""
 
     def __init__(self, behavior: Behavior) -> None:
         self._behavior = behavior
@@ -177,12 +179,12 @@ class _FrameManager:
 
 
 class RunningBox:
-    """A box that is loaded, or will be.
+    """A box and its state: loaded or not.
 
     Args:
-        box: What it is.
-        around: The box whose diagram it is in, and the diagram; None for the root.
-        behavior: What it belongs to.
+        box: Content of the box.
+        around: Parent box, the parent's diagram, and the box's number in the diagram; None for the root.
+        behavior: The behavior that the box belongs to.
     """
 
     def __init__(
@@ -196,10 +198,10 @@ class RunningBox:
         self._script: Any = None
         self.loaded = False
 
-    # What happens to it.
+    # Life cycle and signals.
 
     def load(self) -> None:
-        """Make its script, and call `onLoad`."""
+        """Create the script's object, and call `onLoad`."""
         self.loaded = True
         outputs = {port.name: self._emitter(number) for number, port in self.box.outputs.items()}
         generated = type("GeneratedClass", (BoxScript,), outputs | {"_box": self, "_name": self.name})
@@ -220,7 +222,7 @@ class RunningBox:
         self.behavior.broker.add_module(self.name, self._script)
 
     def unload(self) -> None:
-        """Unload what it holds, and call `onUnload`."""
+        """Unload the diagrams of the box, and call `onUnload`."""
         if self.loaded:
             self.loaded = False
             self._close()
@@ -229,16 +231,17 @@ class RunningBox:
             self.behavior.broker.remove_module(self.name)
 
     def start(self) -> None:
-        """Send a signal to its first input that starts it."""
+        """Send a signal to the first input of the kind START."""
         numbers = [number for number, port in self.box.inputs.items() if port.kind == files.START]
         if numbers:
             self.receive(numbers[0], None)
 
     def receive(self, number: int, value: Any) -> None:
-        """Take a signal at an input, beside the caller."""
+        """Handle a signal at an input, in a thread."""
         self.behavior.beside(lambda: self._take(number, value))
 
     def _take(self, number: int, value: Any) -> None:
+        """Handle a signal at an input: start or stop the box, call its script, and pass it on inside."""
         port = self.box.inputs.get(number)
         if port is None or not self.loaded:
             return
@@ -251,7 +254,7 @@ class RunningBox:
             self.stop()
 
     def stop(self) -> None:
-        """Send the signal that it has stopped; what it holds is unloaded."""
+        """Unload the diagrams of the box, and emit its first output of the kind STOPPED."""
         numbers = [number for number, port in self.box.outputs.items() if port.kind == files.STOPPED]
         self._close()
         if numbers:
@@ -272,7 +275,7 @@ class RunningBox:
             self.behavior.ended = True
 
     def pass_on(self, within: _Loaded, source: int, output: int, value: Any) -> None:
-        """Send a signal along the links of a diagram of this box; from box 0 it comes from outside."""
+        """Send a signal along the links of a diagram of this box; source 0 is the box itself."""
         for link in within.diagram.links:
             if (link.source, link.output) != (source, output):
                 continue
@@ -281,10 +284,10 @@ class RunningBox:
             elif link.target in within.boxes:
                 within.boxes[link.target].receive(link.input, value)
 
-    # What it holds.
+    # Diagrams and timeline.
 
     def _open(self) -> None:
-        """Load its diagrams, or play its timeline, from the beginning."""
+        """Load the diagrams, or play the timeline, from the beginning."""
         self._close()
         for number, port in self.box.inputs.items():
             if port.kind == files.MEMORY and port.event:
@@ -302,7 +305,7 @@ class RunningBox:
             self.behavior.broker.log(f"{self.box.path}: dialogues are not simulated; it waits for ever")
 
     def show(self, layer: int, diagram: Diagram) -> None:
-        """Load a diagram of a layer in the place of the one before."""
+        """Load a diagram of a layer; the layer's previous diagram is unloaded."""
         self._hide(layer)
         loaded = self._layers[layer] = _Loaded(diagram, {})
         for number, box in diagram.boxes.items():
@@ -319,6 +322,7 @@ class RunningBox:
             one.unload()
 
     def _close(self) -> None:
+        """Stop the timeline, unload all diagrams and end the subscriptions to events."""
         if self.player is not None:
             self.player.stop()
         for layer in tuple(self._layers):
@@ -332,13 +336,13 @@ class RunningBox:
         for loaded in tuple(self._layers.values()):
             self.pass_on(loaded, 0, number, value)
 
-    # Its script.
+    # Script.
 
     def parameter(self, name: str) -> Any:
-        """Return the value of a parameter, that of a box around it where it inherits it.
+        """Return the value of a parameter; an inherited one has the value of the parent box.
 
         Raises:
-            RuntimeError: for a parameter that it has not.
+            RuntimeError: for an unknown parameter.
         """
         if name not in self.box.parameters:
             raise RuntimeError(f"{self.box.path} has no parameter {name!r}")
@@ -349,16 +353,16 @@ class RunningBox:
         return own.value
 
     def set_parameter(self, name: str, value: Any) -> None:
-        """Set a parameter while it runs."""
+        """Set a parameter while the box runs."""
         own = files.Parameter(value, False)
         self.box = replace(self.box, parameters=self.box.parameters | {name: own})
 
     def _emitter(self, number: int) -> Callable[..., None]:
-        # Beside the script: what it stops is unloaded while the script goes on, as on the robot.
+        # In a thread: boxes are unloaded while the script that stops them goes on, as on the robot.
         return lambda _, value=None: self.behavior.beside(lambda: self.emit(number, value))
 
     def _call(self, method: str, value: Any = None) -> bool:
-        """Call a method of the script, if it has it; return whether nothing failed."""
+        """Call a method of the script, if it exists; return whether nothing failed."""
         function = getattr(self._script, method, None)
         if function is None:
             return True
@@ -371,6 +375,7 @@ class RunningBox:
         return False
 
     def _guarded(self, does: Callable[[], Any]) -> bool:
+        """Call a function; record an error as a failure of the box, and return whether there was none."""
         try:
             does()
         except (Exception, SystemExit) as error:
@@ -388,13 +393,13 @@ class _Loaded:
 
 
 class _Logger(qi_logging.Logger):
-    """The logger of a box, which has the names of Python's logging, too."""
+    """The logger of a box, with the method names of Python's logging, too."""
 
     warn, critical = qi_logging.Logger.warning, qi_logging.Logger.fatal
 
 
 class BoxScript(naoqi.ALModule):
-    """What scripts of boxes inherit, under the name GeneratedClass."""
+    """Base class of the boxes' scripts, under the name GeneratedClass."""
 
     _box: RunningBox
 
@@ -428,7 +433,7 @@ class BoxScript(naoqi.ALModule):
 
     @property
     def behaviorId(self) -> str:
-        """What ALFrameManager calls the behavior."""
+        """Name of the behavior for ALFrameManager."""
         return self._box.behavior.file.parent.name
 
     def behaviorAbsolutePath(self) -> str:
@@ -436,11 +441,11 @@ class BoxScript(naoqi.ALModule):
         return str(self._box.behavior.file.parent)
 
     def behaviorRelativePath(self) -> str:
-        """Return the name of that folder."""
+        """Return the name of the behavior's folder."""
         return self.behaviorId
 
     def BIND_PYTHON(self, *_: Any) -> None:
-        """Accept that events call a method: they find all."""
+        """Do nothing: events can call every method."""
 
     def stimulateIO(self, name: str, value: Any = None) -> None:
         """Send a signal from an output."""
@@ -453,7 +458,7 @@ class BoxScript(naoqi.ALModule):
         return self._box.player
 
     def getParentTimeline(self) -> Player | None:
-        """Return the timeline that the box is in."""
+        """Return the innermost timeline that contains the box."""
         around = self._box.around
         while around is not None and around[0].player is None:
             around = around[0].around
@@ -461,10 +466,10 @@ class BoxScript(naoqi.ALModule):
 
 
 class Player:
-    """The timeline of a box, as scripts see it.
+    """The timeline of a box, with the methods that scripts call.
 
     Args:
-        box: Whose it is.
+        box: Box of the timeline.
     """
 
     def __init__(self, box: RunningBox) -> None:
@@ -473,7 +478,7 @@ class Player:
         self._timeline = box.box.timeline
         self._fps = self._timeline.fps
         self._frame, self._since = self._timeline.first, 0.0
-        self._run = 0  # number of what plays; another one ends it
+        self._run = 0  # number of the current playback; a new number ends it
         self._plays = False
         self._task: BodyTask | None = None
 
@@ -486,7 +491,7 @@ class Player:
             self._box.behavior.beside(lambda: self._go(run))
 
     def pause(self) -> None:
-        """Stand at the present frame; the motion ends."""
+        """Pause at the present frame, and end the motion."""
         self._frame, self._plays = self.getFrame(), False
         self._run += 1
         body = self._box.behavior.broker.body
@@ -496,12 +501,12 @@ class Player:
         self._task = None
 
     def stop(self) -> None:
-        """Stand, and begin again with the next play."""
+        """Pause, and return to the first frame."""
         self.pause()
         self._frame = self._timeline.first
 
     def goTo(self, frame: float) -> None:
-        """Go on from a frame."""
+        """Jump to a frame, and go on if the timeline plays."""
         plays = self._plays
         self.pause()
         self._frame = min(max(float(frame), self._timeline.first), self._timeline.last)
@@ -514,7 +519,7 @@ class Player:
         self.play()
 
     def gotoAndStop(self, frame: float) -> None:
-        """Stand at a frame."""
+        """Pause at a frame."""
         self.pause()
         self.goTo(frame)
 
@@ -540,6 +545,7 @@ class Player:
             self.play()
 
     def _go(self, run: int) -> None:
+        """Play to the last frame: start the motion, and load each diagram at its frame."""
         begun, body = self._frame, self._box.behavior.broker.body
         keys = self._keys(begun)
         if keys:
@@ -563,7 +569,7 @@ class Player:
         return self._run == run
 
     def _keys(self, begun: float) -> dict[str, tuple[Key, ...]]:
-        """Return the keys of each joint of the robot from a frame on, in the time of the twin."""
+        """Return the keys of each joint from a frame on, with simulated times from the present [s]."""
         motion = self._timeline.motion
         broker = self._box.behavior.broker
         shift, slower = (begun - self._timeline.first) / self._timeline.fps, self._timeline.fps / self._fps

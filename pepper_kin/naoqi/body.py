@@ -1,4 +1,4 @@
-"""The simulated body behind the modules: the twin, its commands and its stiffness, cycle by cycle."""
+"""The simulated body behind the modules: the twin with its commands and stiffness, cycle by cycle."""
 
 from __future__ import annotations
 
@@ -28,48 +28,48 @@ from pepper_kin.twin.arm_protection import arm_protection
 from pepper_kin.twin.base import BaseController, OmniBase, pepper_base, world_velocity
 
 ROWS = 4
-"""References to the twin in a cycle."""
+"""Number of references that the twin gets in a cycle."""
 
 WEAKEST = 1e-3
-"""Share of an actuator's strength that stands for stiffness 0: the twin wants it above 0."""
+"""Fraction of an actuator's strength for stiffness 0: the twin needs a fraction above 0."""
 
-_RESTING = 1e-5  # [rad]; an arm that moves less in a cycle is at rest
+_RESTING = 1e-5  # [rad]; an arm joint that moves less in a cycle is at rest
 
 LOOK_EVERY = 10
-"""Cycles between two looks for obstacles in the way of the base."""
+"""Number of cycles between two checks for obstacles in the path of the base."""
 
 MODES = ("robot", "twin")
 
 
 class Body:
-    """Pepper as ALMotion sees it: commanded angles, stiffness, base, and the twin that follows.
+    """Simulated Pepper of ALMotion: commanded angles, stiffness, base, and the twin that follows.
 
     Args:
-        mode: "robot" refuses what Pepper refuses, and protects its arms; "twin" does it, and lets arms go
-            where they are sent.
+        mode: "robot" refuses the calls that Pepper refuses, and protects the arms from collisions; "twin"
+            executes them, and does not protect the arms.
         real_time: Whether the wall clock drives the simulation; see `SimulatedTime`.
-        scene: What stands around the robot, for its sensors and its checks of collision; the mass of what is
-            attached to the robot counts.
-        posture: Where it begins.
-        response: How the joints follow: "ideal", or as "measured" on a robot, see `joint_response`, with
-            servos as stiff as that robot's.
+        scene: Obstacles around the robot, for its sensors and collision checks, and attached objects, whose
+            mass counts.
+        posture: Name of the posture at the start.
+        response: How the joints follow their commands: "ideal", or as "measured" on a robot with servos of
+            that robot's stiffness, see `joint_response`.
 
     Attributes:
         pepper: The model: planar base, hands of one joint each.
-        command: Commanded positions in the model's order [rad, m or share], shape (n,).
-        reference: Those of them that the protection of the arms allows, shape (n,).
-        controller: Of the base.
+        command: Commanded positions in the model's order [rad, m or fraction], shape (n,).
+        reference: Commanded positions after the protection of the arms, shape (n,).
+        controller: Controller of the base.
         time: The clock.
-        tasks: What moves the joints.
+        tasks: Tasks that move the joints and the base.
         response: How the joints follow their commands.
         awake: Whether the motors are on.
-        stiffness: By joint, 0 to 1.
-        wheel_angles: Turns of the wheels [rad], shape (3,).
+        stiffness: Stiffness by joint name, 0 to 1.
+        wheel_angles: Angles of the wheels [rad], shape (3,).
         move_protected: Whether the base keeps its distance from the scene.
-        protection: Of the arms, against collisions.
-        head_range: Where the pitch of the head stops.
+        protection: Protection of the arms against collisions.
+        head_range: Range of the head's pitch.
         security_distance: "tangential" and "orthogonal" distance that the base keeps from obstacles [m].
-        listeners: Called after each cycle, with the lock held.
+        listeners: Functions that are called after each cycle, with the lock held.
     """
 
     def __init__(
@@ -114,48 +114,48 @@ class Body:
 
     @property
     def state(self) -> TwinState:
-        """State of the twin; its clock starts again at 0 whenever the stiffness changes."""
+        """State of the twin; its time restarts at 0 whenever the stiffness changes."""
         return self._twin.state
 
     @property
     def velocity_limits(self) -> dict[str, float]:
-        """The fastest that each joint may move [rad/s or shares/s]."""
+        """Maximum speed of each joint [rad/s or 1/s]."""
         return {name: float(self.pepper.velocity_limits[k]) for name, k in self.index.items()}
 
     def commanded(self, name: str) -> float:
-        """Return the commanded angle of a joint that is allowed; of a wheel its turn [rad]."""
+        """Return the commanded position of a joint after the arms' protection, or a wheel's angle [rad]."""
         if name in WHEELS:
             return float(self.wheel_angles[WHEELS.index(name)])
         return float(self.reference[self.index[name]])
 
     def last_command(self, name: str) -> float:
-        """Return the angle commanded in the last cycle, within the limits of speed [rad or share]."""
+        """Return the position commanded in the last cycle, within the velocity limits [rad or fraction]."""
         return float(self._last[self.index[name]])
 
     def command_rate(self, name: str) -> float:
-        """Return how fast the command of a joint moves [rad/s or shares/s]."""
+        """Return the rate of a joint's command [rad/s or 1/s]."""
         return float(self._rate[self.index[name]])
 
     def measured(self, name: str) -> float:
-        """Return the angle that the encoder of a joint reads; of a wheel its turn [rad]."""
+        """Return a joint's encoder reading [rad or fraction], or a wheel's angle [rad]."""
         if name in WHEELS:
             return float(self.wheel_angles[WHEELS.index(name)])
         return float(self.state.position[self.index[name]])
 
     def is_limp(self, name: str) -> bool:
-        """Return whether the motor of a joint is off, so that no command moves it."""
+        """Return whether the motor of a joint is off, so that commands do not move it."""
         return self.stiffness[name] < WEAKEST
 
     def is_held(self, name: str) -> bool:
-        """Return whether a joint was kept from where it was sent: the pitch of the head."""
+        """Return whether a joint is the head's pitch and was stopped at its range."""
         return self.head_range.stopped and self.index[name] == self.head_range.pitch
 
     def slides(self, name: str) -> bool:
-        """Return whether a joint of a protected arm, kept from where it was sent, still moves."""
+        """Return whether a joint of a protected arm still moves, but not to its command."""
         return bool(self._slides[self.index[name]])
 
     def clipped(self, name: str, value: float) -> float:
-        """Return an angle within the limits of a joint [rad or share]."""
+        """Return an angle within the limits of a joint [rad or fraction]."""
         k = self.index[name]
         return float(np.clip(value, self.pepper.lower_limits[k], self.pepper.upper_limits[k]))
 
@@ -178,12 +178,12 @@ class Body:
         return np.array(self.controller.pose)
 
     def set_stiffness(self, values: Mapping[str, float]) -> None:
-        """Set how strong the motors of joints are, 0 to 1."""
+        """Set the stiffness of joints, 0 to 1."""
         self.stiffness.update(values)
         self._strength_due = True
 
     def set_gravity(self, gravity: ArrayLike) -> None:
-        """Let another gravity act on the links [m/s^2], shape (3,); the base stays on the floor."""
+        """Set the gravity that acts on the links [m/s^2], shape (3,); the base stays on the floor."""
         with self.time.lock:
             model = self.pepper.pinocchio_model
             model.gravity.linear = np.asarray(gravity, dtype=float)
@@ -191,25 +191,25 @@ class Body:
             self._set_strength()
 
     def do(self, task: BodyTask) -> BodyTask:
-        """Hand a task to the simulation."""
+        """Add a task to the simulation, and return it."""
         with self.time.lock:
             return self.tasks.add(task)
 
     def wait(self, task: BodyTask) -> None:
-        """Let time pass until a task is over; raise what ended it before its time."""
+        """Wait until a task has ended; raise the error that ended it early."""
         self.time.wait_until(lambda: task.ended)
         if task.failure is not None:
             raise task.failure
 
     def blocked(self, twist: ArrayLike) -> bool:
-        """Return whether something of the scene is too near in the direction of a velocity of the base.
+        """Return whether the scene is too near for a velocity of the base.
 
-        That is where the robot, moved that way by the orthogonal security distance, would touch it, or
-        where it comes nearer to something than the tangential security distance.  Looked at five
-        times a second.
+        It is too near if the robot, moved by the orthogonal security distance in the direction of the
+        velocity, would touch it, or if a small step in that direction reduces a distance that is below the
+        tangential security distance.  Checked five times a second.
 
         Args:
-            twist: v_x, v_y [m/s], omega [rad/s] in the axes of the base, shape (3,).
+            twist: Velocity v_x, v_y [m/s], omega [rad/s] in the axes of the base, shape (3,).
         """
         wanted = np.asarray(twist, dtype=float)
         speed = float(np.hypot(wanted[0], wanted[1]))
@@ -236,7 +236,7 @@ class Body:
 
         Args:
             q: Joint positions [rad or m], shape (n,).
-            within: Largest distance that is looked for [m].
+            within: Largest distance that is searched [m].
         """
         assert self.scene is not None
         if within <= 0.0:
@@ -247,7 +247,7 @@ class Body:
         return min((float(d) for names, d in pairs if objects & set(names)), default=float("inf"))
 
     def nearest_obstacle(self, within: float = 3.0) -> Array | None:
-        """Return the point of the scene nearest to the robot in the world, or None beyond a distance [m]."""
+        """Return the nearest point of the scene in the world frame [m], or None beyond a distance [m]."""
         if self.scene is None:
             return None
         near = collision.near_pairs(self.pepper, self.configuration(True), within, self.scene)
@@ -258,7 +258,7 @@ class Body:
         return None
 
     def place_base(self, pose: Array) -> None:
-        """Put the base somewhere at once: x, y [m], yaw [rad], shape (3,)."""
+        """Teleport the base to x, y [m], yaw [rad], shape (3,)."""
         self.controller.reset(pose)
         for positions in (self.command, self._last, self.reference):
             positions[self._base] = pose
@@ -268,15 +268,15 @@ class Body:
         self._twin.reset(position)
 
     def _cycle(self) -> None:
-        """Do one cycle of 20 ms."""
+        """Simulate one cycle of 20 ms."""
         free = self._unprotected()
         self._hold_idle()
         self.tasks.step(self)
-        free |= self._unprotected()  # of tasks that have just begun; before, of those that have just ended
+        free |= self._unprotected()  # of tasks that have just started; above, of tasks that have just ended
         self._limit_rates()
         before, most = self.reference, self.pepper.velocity_limits * CYCLE
         allowed = self.protection.allowed(before, self.command, self.scene, free)
-        # an arm whose protection has just ended goes on no faster than it may
+        # an arm whose protection has just ended keeps to its velocity limits
         self.reference = np.clip(allowed, before - most, before + most)
         self._slides = (self.reference != self.command) & (np.abs(self.reference - before) > _RESTING)
         limp = [k for name, k in self.index.items() if self.is_limp(name)]
@@ -294,7 +294,7 @@ class Body:
             listener()
 
     def _hold_idle(self) -> None:
-        """Let joints that no task moves stay where the protection of the arms has kept them."""
+        """Set the command of joints without a task to the position that the arms' protection allows."""
         kept = np.flatnonzero(self.command != self.reference)
         if kept.size:
             booked = {self.index[name] for name in self.tasks.booked if name in self.index}
@@ -303,14 +303,14 @@ class Body:
             self._rate[idle] = 0.0
 
     def _unprotected(self) -> set[int]:
-        """Return the joints that tasks move without protection."""
+        """Return the indices of the joints that tasks move without protection."""
         moved = (name for task in self.tasks if not task.protected for name in task.resources)
         return {self.index[name] for name in moved if name in self.index}
 
     def _limit_rates(self) -> None:
         """Keep commanded angles within position and velocity limits, as ALMotion's last filter does.
 
-        The range of the head counts whatever its speed: the yaw pushes the pitch.
+        The range of the head's pitch depends on the yaw and is kept at any speed.
         """
         pepper = self.pepper
         most = pepper.velocity_limits * CYCLE
@@ -353,7 +353,7 @@ class Body:
         return position, velocity, acceleration
 
     def _twin_with(self, parameters: ActuatorParameters) -> Twin:
-        """Return a twin that carries what is attached; scenes of a body change, and it meets none of them."""
+        """Return a twin with the attached objects and no obstacles, as the scene may change meanwhile."""
         return Twin(
             self.pepper,
             CYCLE / ROWS,
@@ -363,7 +363,7 @@ class Body:
         )
 
     def _set_strength(self) -> None:
-        """Give the twin actuators of the present stiffness, in its present state."""
+        """Replace the twin by one with actuators of the present stiffness, in the same state."""
         strength = {name: max(self.stiffness[name], WEAKEST) for name in self.index}
         state = self._twin.state
         parameters = actuator_parameters(self.pepper, self._detail).changed(strength=strength)

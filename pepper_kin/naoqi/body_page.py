@@ -1,4 +1,4 @@
-"""Pages in the browser that follow a simulated body, with its lights and beams, or a robot and its twin."""
+"""Browser pages that show a simulated body with its lights and beams, or a robot and its twin."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from pepper_kin.viewer.server.board import Board
 
 EVERY = 2
-"""Cycles of the body between two pictures: 25 of them a second."""
+"""Number of cycles between two updates of the page: 25 updates a second."""
 
 LIGHTS = ("robot", "lights")
 POINTS = ("markers", "ends of beams")
@@ -35,16 +35,16 @@ Light = tuple[float, float, float]
 
 
 class BodyPage:
-    """A page that shows where the joints of a body are.
+    """A page that shows a simulated body.
 
     Args:
         body: The simulated body.
-        lights: Returns red, green and blue, 0 to 1 each, of every light by name; none are drawn if omitted.
-        points: Returns points of the world [m], shape (k, 3), which are marked; none are if omitted.
+        lights: Returns red, green and blue, 0 to 1 each, of every light by name; no lights if omitted.
+        points: Returns points to mark in the world [m], shape (k, 3); no marks if omitted.
 
     Attributes:
-        viewer: What draws it.
-        url: Its address.
+        viewer: The viewer.
+        url: Address of the page.
     """
 
     def __init__(
@@ -74,14 +74,14 @@ class BodyPage:
         webbrowser.open(self.url)
 
     def close(self) -> None:
-        """End the page."""
+        """Close the page."""
         with self._body.time.lock:
             if self._show in self._body.listeners:
                 self._body.listeners.remove(self._show)
         self.viewer.close()
 
     def _show(self) -> None:
-        """Draw what has changed, with the lock of the body held."""
+        """Draw the changes; the lock of the body is held."""
         self._count += 1
         if self._count % EVERY:
             return
@@ -103,7 +103,7 @@ class BodyPage:
             self.viewer.draw(lambda board: _paint_all(board, changed))
 
     def _mark(self, points: np.ndarray) -> None:
-        """Mark points of the world [m], shape (k, 3), where they have changed."""
+        """Mark points of the world [m], shape (k, 3), if they have changed."""
         if points.tobytes() == self._marked:
             return
         self._marked = points.tobytes()
@@ -111,14 +111,14 @@ class BodyPage:
 
 
 class MirrorPage:
-    """A page that shows a robot, and the joints of its twin as balls.
+    """A page that shows a robot, and the origins of its twin's links as spheres.
 
     Args:
-        pepper: The robot.
+        pepper: Model of the robot.
 
     Attributes:
-        viewer: What draws it.
-        url: Its address.
+        viewer: The viewer.
+        url: Address of the page.
     """
 
     def __init__(self, pepper: PepperModel) -> None:
@@ -134,24 +134,24 @@ class MirrorPage:
         webbrowser.open(self.url)
 
     def close(self) -> None:
-        """End the page."""
+        """Close the page."""
         self.viewer.close()
 
     def show(self, measured: ArrayLike, simulated: ArrayLike) -> None:
-        """Show positions of the robot and of its twin [rad or m], shape (n,) each."""
+        """Show the joint positions of the robot and of its twin [rad or m], shape (n,) each."""
         self.viewer.show(measured)
         poses = frame_poses(self._pepper, simulated, self._links)
         _mark(self.viewer, TWIN, np.asarray(poses)[:, :3, 3], TWIN_COLOR)
 
 
 def _mark(viewer: Viewer, group: tuple[str, ...], points: np.ndarray, color: Color) -> None:
-    """Mark points of the world [m], shape (k, 3), in place of those of the group before."""
+    """Mark points of the world [m], shape (k, 3), in place of the group's previous points."""
     cloud = [Drawable("points", None, PointCloud(points, POINT_RADIUS), np.eye(4), color)]
     viewer.draw(lambda board: board.draw(group, cloud if len(points) else []))
 
 
 def shade(light: Light) -> Color:
-    """Return the color that a light of red, green and blue is drawn in: dark glass where it is off."""
+    """Return the drawn color of a light of red, green and blue; dark glass if it is off."""
     red, green, blue = (OFF[k] + (1.0 - OFF[k]) * light[k] for k in range(3))
     return red, green, blue, 1.0
 

@@ -1,4 +1,4 @@
-"""All modules of one simulated robot, and the calls that were posted to them."""
+"""All modules of one simulated robot, and the calls posted to them."""
 
 from __future__ import annotations
 
@@ -16,33 +16,33 @@ from pepper_kin.naoqi.motion import ALMotion
 from pepper_kin.naoqi.posture import ALRobotPosture
 
 MOST_CALLS = 1000
-"""Posted calls that are known, with their errors; beyond that, the oldest that has ended is forgotten."""
+"""Largest number of posted calls kept, with their errors; the oldest call that has ended is removed first."""
 
 POLL = 0.002
-"""What a look at a posted call takes [s]."""
+"""Time that one poll of a posted call takes [s]."""
 
 TOUCH_EVERY = 10
-"""Cycles between two looks at bumpers and touch sensors."""
+"""Number of cycles between two polls of bumpers and touch sensors."""
 
 
 class Broker:
     """A simulated Pepper with its modules.
 
     Args:
-        mode: "robot" refuses what Pepper refuses; "twin" does it.
-        real_time: Whether time passes by the wall clock, or only while somebody waits; then as fast as it
-            goes.
-        scene: What stands around the robot.
-        response: How the joints follow their commands: as "measured" on a robot, late and lagging, which
-            is usual in the mode of the robot, or "ideal", usual in that of the twin.
+        mode: "robot" refuses the calls that Pepper refuses; "twin" executes them.
+        real_time: Whether time follows the wall clock; otherwise it passes only while a caller waits, as
+            fast as it can be computed.
+        scene: Obstacles around the robot, and attached objects.
+        response: How the joints follow their commands: as "measured" on a robot, with delay and lag
+            (default in the mode "robot"), or "ideal" (default in the mode "twin").
 
     Attributes:
         body: The simulated body.
-        logged: Time [s] and text of what modules would have said or shown.
-        on_log: Called with each of these.
+        logged: Time [s] and text of each line that modules would have said or shown.
+        on_log: Called with the time and text of each line.
 
     Raises:
-        InvalidValueError: for another mode or response.
+        InvalidValueError: for an unknown mode or response.
     """
 
     def __init__(
@@ -99,7 +99,7 @@ class Broker:
         """Return a module by name.
 
         Raises:
-            UnknownNameError: for a module that there is not.
+            UnknownNameError: for an unknown module.
         """
         if name not in self._modules:
             raise UnknownNameError("module", name, self._modules)
@@ -110,27 +110,27 @@ class Broker:
         self._modules[name] = module
 
     def remove_module(self, name: str) -> None:
-        """Forget a module of a script."""
+        """Remove a module of a script."""
         self._modules.pop(name, None)
 
     def log(self, text: str) -> None:
-        """Keep a line about what a module would show or say; `logged` lists them."""
+        """Log a line that a module would show or say, in `logged`."""
         self.logged.append((self.body.time.now, text))
         if self.on_log is not None:
             self.on_log(self.body.time.now, text)
 
     def wall_time(self) -> float:
-        """Return the time of day of the simulation [s since 1970]."""
+        """Return the wall time of the simulation [s since 1970]."""
         return self._began + self.body.time.now
 
     def close(self) -> None:
         """Stop the simulation."""
         self.body.time.stop()
 
-    # Calls beside the caller.
+    # Asynchronous calls.
 
     def post(self, call: Callable[[], Any]) -> int:
-        """Run a call in a thread; return its number."""
+        """Run a call in a thread; return the call's number."""
         entry = _Call(call, self.body)
         with self._posting:
             ended = (number for number, other in self._calls.items() if not other.is_alive())
@@ -154,7 +154,7 @@ class Broker:
         return not entry.over
 
     def wait_for(self, number: int, timeout: float | None) -> bool:
-        """Wait for a posted call [s]; return whether it is still running."""
+        """Wait for a posted call, at most `timeout` [s]; return whether it is still running."""
         entry = self._calls.get(number)
         if entry is None:
             return False
@@ -183,9 +183,9 @@ class Broker:
 
 
 class _Call(threading.Thread):
-    """A call beside the caller, with the error that ended it."""
+    """An asynchronous call, with its value or the error that ended it."""
 
-    of_robot = True  # it goes on where the script ends that posted it
+    of_robot = True  # it goes on after the end of the script that posted it
 
     def __init__(self, call: Callable[[], Any], body: Body) -> None:
         super().__init__(daemon=True)
@@ -207,7 +207,7 @@ class _Call(threading.Thread):
 
 
 def other_modules() -> tuple[type[Module], ...]:
-    """Return the modules besides memory, motion and postures."""
+    """Return all modules but memory, motion and postures."""
     from pepper_kin.naoqi import (
         animation,
         kept_states,

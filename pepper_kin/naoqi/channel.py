@@ -1,4 +1,4 @@
-"""The way of a motion's commands to ALMotion: through the watchdog on the robot, or directly."""
+"""Channels of a motion's commands to ALMotion: through the watchdog on the robot, or directly."""
 
 from __future__ import annotations
 
@@ -15,29 +15,29 @@ from pepper_kin.naoqi.link import RobotLink
 from pepper_kin.supervision import Clock, MotionEndedError, RobotMotionStatus
 
 BEAT = 0.1
-"""Time between two beats [s]."""
+"""Time between two heartbeats [s]."""
 
 UNANSWERED = 100
-"""Calls that may be unanswered at once."""
+"""Maximum number of unanswered calls."""
 
 UNHEARD = 0.3
-"""Time without an answer of the watchdog after which the client holds the robot itself [s]."""
+"""Time without an answer from the watchdog after which the client itself holds the robot [s]."""
 
 AGAIN, MOST_HOLDS = 0.1, 60
-"""Time between two holds [s], and how many may be unanswered."""
+"""Time between two attempts to hold the robot [s], and the maximum number of unanswered attempts."""
 
 PART = 25
-"""Keys of each joint that are handed over in a call, so that beats are sent in between."""
+"""Number of keys of each joint that one call hands over, so that heartbeats are sent in between."""
 
 SILENT = "no beat"
-"""Beginning of the watchdog's reason where it stopped the motion for silence."""
+"""Prefix of the watchdog's reason when it stopped the motion because heartbeats were missing."""
 
 
 class Moved(NamedTuple):
-    """What a motion moves.
+    """Parts that a motion moves.
 
     Attributes:
-        joints: Names of joints.
+        joints: Names of the joints.
         base: Whether it moves the base.
     """
 
@@ -46,15 +46,15 @@ class Moved(NamedTuple):
 
 
 class Channel(ABC):
-    """Commands of one motion; no method waits.
+    """Channel of one motion's commands; no method blocks.
 
     Args:
         link: The connection.
-        clock: Time.
-        moved: What the motion moves.
+        clock: Clock of the client.
+        moved: Parts that the motion moves.
 
     Attributes:
-        state: Of the motion, as `on_robot.MotionWatchdog` says it.
+        state: State of the motion, in the words of `on_robot.MotionWatchdog`.
     """
 
     def __init__(self, link: RobotLink, clock: Clock, moved: Moved) -> None:
@@ -64,7 +64,7 @@ class Channel(ABC):
 
     @abstractmethod
     def open(self) -> bool:
-        """Be watched from now on, in one or more calls; return whether so."""
+        """Start to be watched; called until it returns True."""
 
     @abstractmethod
     def send(self, calls: Sequence[tuple[str, Sequence[Any]]]) -> None:
@@ -72,19 +72,19 @@ class Channel(ABC):
 
     @abstractmethod
     def start(self, method: str, *arguments: Any) -> None:
-        """Begin a call of ALMotion that lasts; `state` says when it has ended."""
+        """Start a long call of ALMotion; `state` says when it has ended."""
 
     @abstractmethod
     def start_curves(self, times: list[list[float]], keys: list[list[Any]]) -> Iterator[None]:
-        """Begin `angleInterpolationBezier` of the joints, in steps between which time may pass."""
+        """Start `angleInterpolationBezier` of the joints, in steps between which time may pass."""
 
     def look(self) -> None:
-        """Take the answers that are there, and say that this client is there.
+        """Process the answers that have arrived, and send a heartbeat if one is due.
 
         Raises:
-            MotionEndedError: where the watchdog has ended the motion.
-            RobotConnectionError: where an answer is missing for too long.
-            NaoqiError: what the robot answered instead.
+            MotionEndedError: if the watchdog has ended the motion.
+            RobotConnectionError: if an answer is overdue.
+            NaoqiError: if the robot returned an error.
         """
         while self._calls and self._calls[0][2].isFinished():
             _, what, future = self._calls.popleft()
@@ -96,19 +96,19 @@ class Channel(ABC):
 
     @property
     def idle(self) -> bool:
-        """Whether all calls were answered."""
+        """Whether all calls are answered."""
         return not self._calls
 
     @abstractmethod
     def close(self) -> bool:
-        """End a motion that is complete, in one or more calls; return whether it has ended."""
+        """Close a motion that is complete; called until it returns True."""
 
     @abstractmethod
     def hold(self, moving: bool) -> str:
-        """Hold the robot and end what is queued, in one or more calls; return what is not done yet.
+        """Hold the robot and end its queued tasks; called until it returns "", else what is not done yet.
 
         Args:
-            moving: Whether it moves though it was held, so that it is held again.
+            moving: Whether the robot moves, so that it is held again even if a hold was answered.
         """
 
     def _begin(self, module: str, method: str, *arguments: Any) -> None:
@@ -117,7 +117,7 @@ class Channel(ABC):
 
     @abstractmethod
     def _take(self, value: Any) -> None:
-        """Take the answer of a call."""
+        """Process the answer of a call."""
 
 
 class DirectChannel(Channel):
@@ -132,26 +132,26 @@ class DirectChannel(Channel):
         self._target: Any = None
 
     def open(self) -> bool:
-        """Return True: nobody watches."""
+        """Return True: there is no watchdog."""
         return True
 
     def send(self, calls: Sequence[tuple[str, Sequence[Any]]]) -> None:
-        """Call each."""
+        """Call each method of ALMotion."""
         for method, arguments in calls:
             self._begin("ALMotion", method, *arguments)
 
     def start(self, method: str, *arguments: Any) -> None:
-        """Call it, and remember its future."""
+        """Start the call, and keep its future."""
         self.state = "running"
         self._lasting = (f"ALMotion.{method}", self._link.start("ALMotion", method, *arguments))
 
     def start_curves(self, times: list[list[float]], keys: list[list[Any]]) -> Iterator[None]:
-        """Call it at once: ALMotion takes a motion in one call."""
+        """Start the call at once: ALMotion takes a motion in one call."""
         self.start("angleInterpolationBezier", list(self._moved.joints), times, keys)
         return iter(())
 
     def look(self) -> None:
-        """Take answers; see `Channel.look`."""
+        """Process answers; see `Channel.look`."""
         super().look()
         if self._lasting is not None and self._lasting[1].isFinished():
             what, future = self._lasting
@@ -159,19 +159,19 @@ class DirectChannel(Channel):
             self.state = f"finished: {self._link.value(future, what)}"
 
     def close(self) -> bool:
-        """Return whether all calls were answered."""
+        """Return whether all calls are answered."""
         return self.idle
 
     def hold(self, moving: bool) -> str:
-        """Hold again and again, until all calls have been answered and a hold that began after them was."""
+        """Hold repeatedly, until all calls and a hold that started after them are answered."""
         now = self._clock.now()
         while self._calls and self._calls[0][2].isFinished():
             _, what, future = self._calls.popleft()
-            with contextlib.suppress(NaoqiError):  # the motion has ended: its calls need not succeed
+            with contextlib.suppress(NaoqiError):  # the motion has ended: errors of its calls do not matter
                 self._link.value(future, what)
             self._held = False
         if self._lasting is not None and self._lasting[1].isFinished():
-            self._lasting, self._held = None, False  # the robot has ended it, by whatever answer
+            self._lasting, self._held = None, False  # the robot has ended the call, with a value or an error
         if (moving or not self._held) and now >= self._tried + AGAIN and len(self._holds) < MOST_HOLDS:
             self._tried = now
             self._since = now if self._since is None else self._since
@@ -196,10 +196,10 @@ class DirectChannel(Channel):
         return "" if self._held and not self._holds else "the robot has not answered to being held"
 
     def _hold_once(self, anew: bool) -> Iterator[None]:
-        """Hold the robot, in steps that do not wait, where it is commanded now, or where it was held last."""
+        """Hold the robot at its present command if `anew`, else at the last target; no step blocks."""
         joints = list(self._moved.joints)
         brake = self._link.start("ALMotion", "stopMove") if self._moved.base else None
-        if joints:  # one after the other: to end tasks after the new target would end that
+        if joints:  # in this order: tasks killed after `setAngles` would include its new target
             yield from self._answer("killTasksUsingResources", joints)
             if self._target is None or anew:
                 self._target = yield from self._answer("getAngles", joints, False)
@@ -216,17 +216,17 @@ class DirectChannel(Channel):
         return self._link.value(future, f"ALMotion.{method}")
 
     def _take(self, value: Any) -> None:
-        """Take nothing: these calls return nothing."""
+        """Do nothing: the calls return no value."""
 
 
 class GuardedChannel(Channel):
-    """Commands with a token, which the watchdog on the robot passes on until the motion ends.
+    """Channel through the watchdog on the robot, which passes on commands that carry the motion's token.
 
     Args:
         link: The connection.
-        clock: Time.
-        moved: What the motion moves.
-        silence: The longest time between two beats [s].
+        clock: Clock of the client.
+        moved: Parts that the motion moves.
+        silence: Maximum time between two heartbeats [s].
     """
 
     def __init__(self, link: RobotLink, clock: Clock, moved: Moved, silence: float) -> None:
@@ -258,15 +258,15 @@ class GuardedChannel(Channel):
         return True
 
     def send(self, calls: Sequence[tuple[str, Sequence[Any]]]) -> None:
-        """Send a command, which counts as a beat."""
+        """Send a command, which counts as a heartbeat."""
         self._ask("command", [[method, list(arguments)] for method, arguments in calls])
 
     def start(self, method: str, *arguments: Any) -> None:
-        """Begin a call; see `Channel.start`."""
+        """Start a long call; see `Channel.start`."""
         self._ask("start", method, list(arguments))
 
     def start_curves(self, times: list[list[float]], keys: list[list[Any]]) -> Iterator[None]:
-        """Hand parts over, each after the answer to the one before."""
+        """Hand over the keys in parts, each after the answer to the previous part."""
         for k in range(0, len(times[0]), PART):
             self._ask("add", [[row[k : k + PART] for row in rows] for rows in (times, keys)])
             while not self.idle:
@@ -274,7 +274,7 @@ class GuardedChannel(Channel):
         self.start("angleInterpolationBezier", list(self._moved.joints))
 
     def look(self) -> None:
-        """Take answers, and beat; see `Channel.look`."""
+        """Process answers, and send a heartbeat if one is due; see `Channel.look`."""
         super().look()
         now = self._clock.now()
         if self._token is not None and now >= self._beaten + BEAT:
@@ -282,7 +282,7 @@ class GuardedChannel(Channel):
             self._begin(on_robot.NAME, "beat", self._token)
 
     def close(self) -> bool:
-        """Be watched no longer; see `Channel.close`."""
+        """Release the motion from the watchdog; see `Channel.close`."""
         if self.state == "released":
             return True
         if self.idle:
@@ -290,15 +290,15 @@ class GuardedChannel(Channel):
         return False
 
     def hold(self, moving: bool) -> str:
-        """Let the watchdog hold the robot; where it does not answer, do so directly as well."""
+        """Let the watchdog hold the robot; hold it directly as well if the watchdog does not answer."""
         now = self._clock.now()
         if self._since is None:
             self._since = now
         if self._token is None and self._arming is None:
-            return self._hold_directly(moving)  # it was never watched
+            return self._hold_directly(moving)  # the watchdog was never asked
         if self._token is None:
             if not self._arming[1].isFinished():
-                return "the watchdog has not answered"  # without a beat it ends the motion by itself
+                return "the watchdog has not answered"  # without heartbeats it ends the motion by itself
             try:
                 self._token = int(self._link.value(self._arming[1], f"{on_robot.NAME}.arm"))
             except NaoqiError:
@@ -335,7 +335,7 @@ class GuardedChannel(Channel):
         self._begin(on_robot.NAME, method, self._token, self._number, *arguments)
 
     def _take(self, value: Any) -> None:
-        """Take the state of the motion; what the watchdog ended, ends."""
+        """Set the state of the motion; raise MotionEndedError if the watchdog ended it or a call failed."""
         self.state = str(value)
         word, _, why = self.state.partition(": ")
         if word in ("stopping", "at rest", "not at rest", "unknown"):

@@ -32,7 +32,7 @@ app = typer.Typer(
 MODES = ("twin", "robot")
 
 EVERY = 50
-"""States of a robot between two lines that say how it differs from the twin."""
+"""Number of robot states between two printed lines about its differences from the twin."""
 
 Scene_ = Annotated[Path | None, typer.Option("--scene", help="What stands around the robot: JSON.")]
 Mode = Annotated[
@@ -178,7 +178,7 @@ def mirror(
     Example: pepper-kin naoqi mirror tcp://127.0.0.1:9559 --seconds 10
     """
     if "://" in source:
-        libqi()  # before all others, or a connection that is refused keeps the process from its end
+        libqi()  # before all others, or a refused connection keeps the process from ending
     check_record(record, ".csv")
     pepper = pk.load_pepper(base="planar", hands="mimic")
     made, lost = naoqi.Mirror(pepper), None
@@ -206,7 +206,7 @@ def mirror(
         except PepperKinError as error:
             if len(made) < 2:
                 raise
-            lost = error  # after the report: what was seen until then is not lost
+            lost = error  # raised after the report, so that the states until then are reported
     if record is not None:
         made.run().save(record)
         print(f"Written: {record}", file=sys.stderr)
@@ -264,7 +264,7 @@ def methods(
 def _broker(
     mode: str, real_time: bool, scene: Path | None, view: bool, record: Path | None
 ) -> Iterator[naoqi.Broker]:
-    """Yield a simulated robot, with a page in the browser and a log where these were asked for."""
+    """Yield a simulated robot, with a browser page if `view` and a log if `record`."""
     check_record(record, ".csv")
     around = None if scene is None else pk.Scene.load(scene)
     with naoqi.Broker(mode=mode, real_time=real_time, scene=around) as broker:
@@ -280,7 +280,7 @@ def _broker(
 
 
 def save_log(log: naoqi.RunLog, path: Path) -> None:
-    """Write a log as a run, and say so; one that is too short for a run is no failure of what was logged."""
+    """Write a log as a run, and print its path; a log that is too short only prints a message."""
     if len(log) < 2:
         print(f"Not written: {path}: fewer than two cycles of 20 ms were logged", file=sys.stderr)
         return
@@ -289,7 +289,7 @@ def save_log(log: naoqi.RunLog, path: Path) -> None:
 
 
 def _shown(broker: naoqi.Broker) -> Callable[[], Any]:
-    """Open a page that follows the robot; return what closes it."""
+    """Open a page that follows the robot; return its `close`."""
     page = body_page.BodyPage(broker.body, lights=broker.module("ALLeds").colors)
     page.open()
     return page.close

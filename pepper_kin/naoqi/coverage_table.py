@@ -24,8 +24,8 @@ class Covered(NamedTuple):
     Attributes:
         module: "ALMotion".
         method: "setAngles".
-        answer: "simulated"; "answered", where a value is kept or returned, or nothing is to do; or
-            "refused by name: " and why.
+        answer: "simulated"; "answered", if a value is only kept or returned, or nothing is to do; or
+            "refused by name: " and the reason.
     """
 
     module: str
@@ -35,7 +35,7 @@ class Covered(NamedTuple):
 
 @cache
 def coverage() -> tuple[Covered, ...]:
-    """Return each method of each module, once; of the four whose robot's list is known, those of the list."""
+    """Return each method of each module once; the methods of the robot's list, if it is known."""
     found = []
     for kind in (*_FIRST, *other_modules()):
         listed = [each.name for each in robot_signatures() if each.module == kind.name]
@@ -46,6 +46,7 @@ def coverage() -> tuple[Covered, ...]:
 
 
 def _answer(kind: type[Module], name: str) -> str:
+    """Return "simulated", "answered" or "refused by name: " with the reason, for a method of a class."""
     if issubclass(kind, RefusedModule):
         return REFUSED + str(table("modules")["refused"][kind.name]["why"])
     if name in kind.not_simulated:
@@ -61,7 +62,7 @@ def _answer(kind: type[Module], name: str) -> str:
 def coverage_summary() -> str:
     """Return how many methods of each module are simulated, answered and refused, as a table of Markdown.
 
-    Modules that only answer have one row, and so have those that refuse whatever they are asked.
+    Modules that only answer share one row, and modules that refuse every call share another.
     """
     lines = ["| module | methods | simulated | answered | refused by name |", "|---|---|---|---|---|"]
     together: dict[str, list[str]] = {"answered": [], "refused by name": []}

@@ -19,23 +19,23 @@ from pepper_kin.twin.sensors import Reading, SensorSuite, sensor_specifications
 TOP = "Device/SubDeviceList/"
 
 SENSOR_PERIOD = 0.02
-"""Readings are taken again after this time [s]."""
+"""Time for which a sensor reading is reused [s]."""
 
 FARTHEST = {"laser": 3.0, "sonar": 5.0}
-"""What a beam without an echo reads [m]."""
+"""Reading of a beam without an echo [m]."""
 
 BEAM_YAWS = np.deg2rad(np.linspace(30.0, -30.0, 15))
-"""Direction of the 15 beams of a laser in its frame, from left to right [rad]."""
+"""Yaws of a laser's 15 beams in the frame of the laser, from left to right [rad]."""
 
 
 class DeviceKeys:
-    """Values of the keys of the body's devices, made when they are asked for.
+    """Values of the keys of the body's devices, computed on access.
 
     Args:
         body: The simulated body.
 
     Attributes:
-        pressed: Sensors of touch that somebody presses from outside, by name.
+        pressed: Names of the touch sensors that are pressed from outside.
     """
 
     def __init__(self, body: Body) -> None:
@@ -59,12 +59,12 @@ class DeviceKeys:
             return self._makers[key]()
 
     def get(self, key: str) -> object:
-        """Return the value of a key, or None where there is no such key."""
+        """Return the value of a key, or None for an unknown key."""
         maker = self._makers.get(key)
         return None if maker is None else self[key]
 
     def reading(self, sensor: str) -> Reading:
-        """Return the present reading of a sensor of the twin; only sensors of its kind are read."""
+        """Return the present reading of a twin's sensor; all sensors of its kind are read, no others."""
         now, kind = self.body.time.now, sensor.split("_")[0]
         read_at, readings = self._readings.get(kind, (-math.inf, {}))
         if now >= read_at + SENSOR_PERIOD:
@@ -77,7 +77,7 @@ class DeviceKeys:
         return readings[sensor]
 
     def _suite(self, kind: str) -> SensorSuite:
-        """Return the sensors of a kind: those whose names begin with it."""
+        """Return the sensors of a kind, whose names begin with `kind`."""
         if kind not in self._suites:
             names = [name for name in sensor_specifications() if name.split("_")[0] == kind]
             self._suites[kind] = SensorSuite(self.body.pepper, sensors=names, noise=False)
@@ -88,6 +88,7 @@ class DeviceKeys:
         return sensor in self.pressed or bool(self.reading(sensor).value)
 
     def _fill(self) -> None:
+        """Add all keys, with functions that return their values."""
         body, keys = self.body, self._makers
         for name in BODY:
             at = TOP + name
@@ -124,7 +125,7 @@ class DeviceKeys:
                     keys[f"{at}/{letter}/Sensor/Value"] = partial(self._beam, side, segment, axis)
         for segment in range(3):
             at = f"{TOP}Platform/LaserSensor/Front/Shovel/Seg{segment + 1:02d}"
-            # The shovel looks down at the floor 10 cm ahead and has nothing to see where that is flat.
+            # The shovel laser points at the floor 10 cm ahead and detects nothing on a flat floor.
             keys[f"{at}/X/Sensor/Value"] = lambda: FARTHEST["laser"]
             keys[f"{at}/Y/Sensor/Value"] = lambda: 0.0
 

@@ -1,4 +1,4 @@
-"""Causes for which a robot does not answer or does not follow commands, and what helps."""
+"""Diagnosis of a robot that does not answer or does not follow commands."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ from pepper_kin.naoqi.errors import NaoqiError, RobotConnectionError
 from pepper_kin.naoqi.link import PORT, RobotLink
 
 SECURE_PORT = 9503
-"""Where NAOqi 2.9 listens, encrypted."""
+"""TCP port of NAOqi 2.9, encrypted."""
 
 WAIT = 3.0
-"""Time that an answer may take [s]."""
+"""Default timeout of an answer [s]."""
 
 HOT = 70.0
-"""Temperature above which motors are called hot [degrees Celsius] (assumed: no document gives a number)."""
+"""Temperature from which motors are called hot [degrees Celsius] (assumed: no document gives a number)."""
 
 _KNOWN = ("2.4", "2.5")
 
 
 class Finding(NamedTuple):
-    """One thing that hinders, or may surprise.
+    """One cause that prevents motions, or may surprise.
 
     Attributes:
-        cause: A word: "nothing listens", "no answer", "encrypted", "password", ...
-        what: What was seen.
-        advice: What to do.
-        hinders: Whether motions do not work before it is mended.
+        cause: Short name: "nothing listens", "no answer", "encrypted", "password", ...
+        what: Observation.
+        advice: Advice: what to do.
+        hinders: Whether motions fail until the cause is removed.
     """
 
     cause: str
@@ -42,19 +42,19 @@ class Finding(NamedTuple):
 
 
 def examine(address: str, token: str | None = None, timeout: float = WAIT) -> list[Finding]:
-    """Return what hinders work with a robot, the gravest first; nothing is moved or changed.
+    """Return the causes that prevent motions of a robot, or may surprise; nothing is moved or changed.
 
     Args:
-        address: "pepper.local", "tcp://192.168.1.7:9559".
-        token: Of a simulated robot that needs one.
-        timeout: The longest time that an answer takes [s].
+        address: Address, as "pepper.local" or "tcp://192.168.1.7:9559".
+        token: Token of a simulated robot that requires one.
+        timeout: Timeout of each answer [s].
 
     Returns:
-        The findings; empty where the robot is ready.
+        The findings; empty if the robot is ready.
 
     Raises:
         InvalidValueError: for an address without a host.
-        MissingDependencyError: where `qi` is not installed.
+        MissingDependencyError: if `qi` is not installed.
     """
     url = address if "://" in address else f"tcp://{address}"
     try:
@@ -81,7 +81,7 @@ def examine(address: str, token: str | None = None, timeout: float = WAIT) -> li
 
 
 def _network(host: str, port: int, timeout: float) -> Finding | None:
-    """Return why there is no plain connection, or None where there is one."""
+    """Return why there is no unencrypted connection, or None if there is one."""
     where = f"{host}:{port}"
     try:
         socket.create_connection((host, port), timeout).close()
@@ -108,8 +108,9 @@ def _network(host: str, port: int, timeout: float) -> Finding | None:
 
 
 def _is_encrypted(host: str, port: int, timeout: float) -> bool:
+    """Return whether a port accepts a TLS connection."""
     context = ssl.create_default_context()
-    context.check_hostname, context.verify_mode = False, ssl.CERT_NONE  # nothing is sent that could be read
+    context.check_hostname, context.verify_mode = False, ssl.CERT_NONE  # no confidential data is sent
     try:
         with socket.create_connection((host, port), timeout) as plain, context.wrap_socket(plain):
             return True
@@ -126,6 +127,7 @@ def _encrypted(what: str) -> Finding:
 
 
 def _refused(reason: str) -> Finding:
+    """Return the finding for a connection that NAOqi refused or did not understand."""
     said = reason.splitlines()[-1].strip()
     if any(word in reason.lower() for word in ("authenti", "password", "token")):
         return Finding("password", said, "give the password or the token that the robot asks for")
@@ -136,7 +138,7 @@ def _refused(reason: str) -> Finding:
 
 
 def _data(link: RobotLink, key: str) -> Any:
-    """Return the value of a key, or None where the robot has none."""
+    """Return the value of a key, or None if the robot does not have it."""
     try:
         return link.call("ALMemory", "getData", key)
     except NaoqiError:
@@ -144,7 +146,7 @@ def _data(link: RobotLink, key: str) -> Any:
 
 
 def _asked(link: RobotLink, module: str, method: str, *arguments: Any) -> Any:
-    """Return what a method answers, or None where the robot has none."""
+    """Return the value of a method, or None if the robot returns an error."""
     try:
         return link.call(module, method, *arguments)
     except NaoqiError:
@@ -152,6 +154,7 @@ def _asked(link: RobotLink, module: str, method: str, *arguments: Any) -> Any:
 
 
 def _version(link: RobotLink, names: list[str]) -> Iterator[Finding]:
+    """Check that ALMotion runs, and which robot and version it is."""
     if "ALMotion" not in names:
         advice = "wait until NAOqi has started, or restart it: nao restart"
         yield Finding("no ALMotion", f"{len(names)} services, and ALMotion is none of them", advice)
@@ -173,6 +176,7 @@ def _hatch(link: RobotLink, _: list[str]) -> Iterator[Finding]:
 
 
 def _life(link: RobotLink, _: list[str]) -> Iterator[Finding]:
+    """Check that the autonomous life is disabled."""
     state = _asked(link, "ALAutonomousLife", "getState")
     if state not in (None, "disabled"):
         yield Finding(
@@ -187,6 +191,7 @@ def _asleep(link: RobotLink, _: list[str]) -> Iterator[Finding]:
 
 
 def _hot(link: RobotLink, _: list[str]) -> Iterator[Finding]:
+    """Check the temperatures of the motors."""
     names = _asked(link, "ALMotion", "getBodyNames", "Body") or []
     key = "Device/SubDeviceList/{}/Temperature/Sensor/Value"
     degrees = {name: _data(link, key.format(name)) for name in names if not str(name).startswith("Wheel")}
@@ -206,6 +211,7 @@ def _in_use(link: RobotLink, _: list[str]) -> Iterator[Finding]:
 
 
 def _protection(link: RobotLink, _: list[str]) -> Iterator[Finding]:
+    """Check whether collision protection is on, which changes motions, or off."""
     on = _asked(link, "ALMotion", "getExternalCollisionProtectionEnabled", "All")
     arms = _asked(link, "ALMotion", "getCollisionProtectionEnabled", "Arms")
     if on is False or arms is False:

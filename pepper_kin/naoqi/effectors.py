@@ -1,4 +1,4 @@
-"""Effectors of NAOqi: where they are, and joint angles that bring them somewhere."""
+"""Effectors of NAOqi: their poses, and joint angles for target poses."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ TORSO, WORLD, ROBOT = 0, 1, 2
 POSITION_BITS, ROTATION_BITS = 0b000111, 0b111000
 
 WHEEL_CENTER = 0.264
-"""From the knee's axis down to the wheels' axles [m] (api_naoqi: TibiaLength)."""
+"""Distance from the knee's axis down to the wheels' axles [m] (api_naoqi: TibiaLength)."""
 
 CHAIN_JOINTS = {
     "Head": CHAINS["Head"],
@@ -30,23 +30,23 @@ CHAIN_JOINTS = {
     "Torso": CHAINS["Leg"],
     "Leg": CHAINS["Leg"],
 }
-"""Effector that can be moved -> joints that move it."""
+"""Movable effector -> joints that move it."""
 
 
 @cache
 def standing_pepper() -> PepperModel:
-    """Return the model on which angles are found: the base stands, the fingers are locked."""
+    """Return the model for inverse kinematics: the base is fixed, the fingers are locked."""
     return load_pepper()
 
 
 @dataclass(frozen=True)
 class EffectorCandidate:
-    """Joint angles for a target.
+    """Joint angles for target poses.
 
     Attributes:
         angles: Joint -> angle [rad].
-        reached: Whether the target is met.
-        message: Why not.
+        reached: Whether the targets are reached.
+        message: Reason if the targets are not reached, else "".
     """
 
     angles: dict[str, float]
@@ -82,13 +82,13 @@ def space_pose(body: Body, space: int, use_sensors: bool, module: str, method: s
 def position6d(pose: Array) -> list[float]:
     """Return [x, y, z, wx, wy, wz] [m, rad] of a pose, shape (4, 4).
 
-    Its rotation is Rz(wz) Ry(wy) Rx(wx).
+    The rotation is Rz(wz) Ry(wy) Rx(wx).
     """
     return [*map(float, pose[:3, 3]), *map(float, rpy_from_rotation(pose[:3, :3]))]
 
 
 def as_pose(values: list[float]) -> Array:
-    """Return the pose, shape (4, 4), of a Position6D (6), or of a transform row by row (12 or 16)."""
+    """Return the pose, shape (4, 4), of a Position6D (6 numbers) or a transform by rows (12 or 16)."""
     if len(values) == 6:
         return np.asarray(pose(values[:3], rpy=values[3:]))
     matrix = np.eye(4)
@@ -99,9 +99,8 @@ def as_pose(values: list[float]) -> Array:
 def tasks_for(effector: str, pose: Array, mask: int) -> list[ik.Task]:
     """Return the tasks of an effector with an axis mask, in the frame of the pose, shape (4, 4) [m].
 
-    Single bits of position keep the origin in a plane; two bits of rotation align the axis that turns least
-    with them,
-    and one bit alone asks for the whole orientation.
+    A single bit of position keeps the origin in a plane; two bits of rotation align the third axis, and one
+    bit alone sets the whole orientation.
     """
     frame = table("motion")["frames"][effector]
     point, rotation = pose[:3, 3], pose[:3, :3]
@@ -122,10 +121,10 @@ def tasks_for(effector: str, pose: Array, mask: int) -> list[ik.Task]:
 
 
 def commanded_posture(body: Body, start: dict[str, float] | None = None) -> tuple[PepperModel, Array]:
-    """Return the model on which angles are found, and its commanded posture within limits, shape (n,).
+    """Return the model for inverse kinematics, and its commanded posture within limits, shape (n,).
 
     Args:
-        body: The robot; joints that are limp may sag beyond the limits.
+        body: The simulated body; joints without stiffness may sag beyond the limits.
         start: Joint -> angle in place of the command [rad].
     """
     pepper, given = standing_pepper(), start or {}
@@ -136,12 +135,12 @@ def commanded_posture(body: Body, start: dict[str, float] | None = None) -> tupl
 def find_angles(
     body: Body, targets: dict[str, tuple[Array, int]], start: dict[str, float]
 ) -> EffectorCandidate:
-    """Return the angles that bring effectors to poses.
+    """Return joint angles that bring effectors to poses.
 
     Args:
-        body: The robot; its other joints stay at their commands.
+        body: The simulated body; its other joints stay at their commands.
         targets: Effector -> pose in the world [m], shape (4, 4), and axis mask.
-        start: Joint -> angle to begin with [rad].
+        start: Joint -> initial angle [rad].
     """
     pepper, q = commanded_posture(body, start)
     footprint = np.linalg.inv(body.frame_pose("base_footprint", False))

@@ -1,4 +1,4 @@
-"""Errors of NAOqi's calls, worded as the robot words them."""
+"""Errors of NAOqi's calls, in the format of the robot's messages."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class NaoqiError(PepperKinError, RuntimeError):
     Attributes:
         module: Name of the module ("ALMotion").
         method: Name of the method ("setAngles").
-        reason: What was wrong.
+        reason: Reason of the failure.
     """
 
     def __init__(self, module: str, method: str, reason: str) -> None:
@@ -28,7 +28,7 @@ class NaoqiError(PepperKinError, RuntimeError):
 
 
 class MissingMethodError(NaoqiError, AttributeError):
-    """A method that the module does not have on the robot either; also an AttributeError, for `hasattr`."""
+    """A method that the robot's module does not have either; also an AttributeError, for `hasattr`."""
 
     def __init__(self, module: str, method: str, near: list[str]) -> None:
         hint = f" (did you mean {' or '.join(near)}?)" if near else ""
@@ -51,11 +51,11 @@ class RefusedByRobotError(NaoqiError):
 
 
 class RobotConnectionError(PepperKinError, ConnectionError):
-    """There is no connection with a robot, or none any more.
+    """The connection with a robot failed or was lost.
 
     Attributes:
         url: Address of the robot.
-        reason: What was tried, and what came of it.
+        reason: Attempted operation and its outcome.
     """
 
     def __init__(self, url: str, reason: str) -> None:

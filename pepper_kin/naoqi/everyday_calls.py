@@ -1,4 +1,4 @@
-"""Calls of a simulated robot whose kernels come with a wheel."""
+"""Calls of a simulated robot whose machine code is shipped with a wheel."""
 
 from __future__ import annotations
 

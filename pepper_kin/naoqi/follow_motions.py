@@ -1,4 +1,4 @@
-"""Trajectories on a robot that speaks NAOqi, for a supervisor: streamed, or handed over whole."""
+"""Trajectories on a robot with NAOqi, for a supervisor: streamed, or handed over in one call."""
 
 from __future__ import annotations
 
@@ -20,38 +20,38 @@ from pepper_kin.supervision import CYCLE, Clock, MotionEndedError, RobotMotionSt
 from pepper_kin.trajectory import Trajectory
 
 CATCH_UP = 1.5
-"""Cycles by which the motion goes on in one cycle at most: after a delay it waits rather than jumps."""
+"""Maximum progress of the motion in one cycle [cycles]: after a delay it waits rather than jumps."""
 
 ARRIVED, BASE_ARRIVED = 0.02, 0.01
-"""Where the end of a motion counts as reached [rad, m]."""
+"""Deviation below which the end of a motion counts as reached, of joints and yaw [rad], of the base [m]."""
 
 STANDS = 0.02
-"""Velocity below which the base stands [m/s, rad/s]."""
+"""Velocity below which the base counts as at rest [m/s, rad/s]."""
 
 EARLY = 0.1
-"""Time before its end at which the robot may say that it made a motion [s]."""
+"""Time before the end from which a finished call counts as a complete motion [s]."""
 
 LAST_SPEED = 0.1
-"""Share of the fastest speed of the last targets, where the robot is already."""
+"""Fraction of the maximum speed for the last targets, which the robot has reached already."""
 
 AHEAD = 0.5
-"""Time after the one expected up to which the progress of a motion is looked for [s]."""
+"""Time after the expected one up to which the progress of a motion is searched [s]."""
 
 ALIKE = 2e-3
-"""Commands that differ by less count as the same [rad or share]: a motion may pause, and turn."""
+"""Difference below which commands count as equal [rad or fraction]: a motion may pause, and turn."""
 
 
 class FollowMotion(CommandedMotion):
-    """A trajectory on a robot: where it should be, deviation and arrival.
+    """A trajectory on a robot: desired positions, deviation and arrival.
 
     Args:
         link: The connection.
-        pepper: Robot of the trajectory's joints.
+        pepper: Model with the trajectory's joints.
         trajectory: The motion.
         options: Tolerances and times.
         guarded: Whether the robot has a watchdog.
-        clock: Time.
-        check: Raises what speaks against the motion, or returns where the robot is.
+        clock: Clock of the client.
+        check: Returns the state of the robot; raises if the motion must not start.
     """
 
     def __init__(
@@ -76,7 +76,7 @@ class FollowMotion(CommandedMotion):
         self._ended: float | None = None
 
     def check(self) -> None:
-        """Raise what speaks against the motion, and note where the base stands."""
+        """Raise if the motion must not start; else record the pose of the base."""
         state = self._start_state()
         self._origin = state.base_pose.copy() if self._base else None
 
@@ -84,20 +84,21 @@ class FollowMotion(CommandedMotion):
         return self._wanted_at(self._at)
 
     def _wanted_at(self, at: float) -> Array:
-        """Return the motion at a time [s], from where the base began [rad, m or share], shape (n,)."""
+        """Return the desired positions at a time of the motion [s] [rad, m or fraction], shape (n,)."""
         wanted = np.array(self._trajectory(at).position)
         if self._origin is not None:
             wanted[self._base] = placed(self._origin, self._trajectory.start[self._base], wanted[self._base])
         return wanted
 
     def _deviation(self, wanted: Array) -> Array:
-        """Return by how much each joint was off in the last state [rad, m or share], shape (n,)."""
+        """Return the deviation of each joint in the last state [rad, m or fraction], shape (n,)."""
         off = np.abs(self._states[-1][1].q - wanted)
         for k in self._base[2:]:
             off[k] = abs(math.remainder(off[k], 2.0 * math.pi))
         return np.asarray(off)
 
     def _check_deviation(self) -> None:
+        """Raise MotionEndedError if a joint or the base is beyond its tolerance in the last state."""
         if not self._states:
             return
         off = self._deviation(self._states[-1][2])
@@ -113,7 +114,7 @@ class FollowMotion(CommandedMotion):
             raise MotionEndedError(RobotMotionStatus.DEVIATED, text)
 
     def _near_end(self) -> bool:
-        """Whether the robot was last measured at the end of the motion."""
+        """Return whether the last measured state is at the end of the motion, with the base at rest."""
         if not self._states or self._at < self._trajectory.duration:
             return False
         off = self._deviation(self._wanted_at(self._trajectory.duration))
@@ -155,11 +156,11 @@ class StreamMotion(FollowMotion):
             near = self._near_end()
             self._finishing = near or self._is_late()
             if near and not self._corrected:
-                self._until = None  # to come to rest has its own time
+                self._until = None  # coming to rest has a timeout of its own
         return False
 
     def _correct(self) -> None:
-        """Correct the base again, which was near and braked beyond."""
+        """Correct the base again, which was near the end and overshot while braking."""
         if self._base and not self._is_late():
             self._finishing = self._worded = False
             self._answered_at, self._corrected = None, True
@@ -204,13 +205,13 @@ class StreamMotion(FollowMotion):
 
 
 class BezierMotion(FollowMotion):
-    """The whole motion handed to `angleInterpolationBezier`, which moves joints only.
+    """The whole motion in one call of `angleInterpolationBezier`, which moves joints only.
 
-    The robot begins when it has taken the motion, on its own clock.  How far it is, is seen from the
-    commands that it reports: the time near the one expected at which the motion has them.
+    The robot starts when it has received the motion, on its own clock.  Its progress is found from the
+    commands that it reports: the time of the motion, near the expected one, at which the motion has them.
 
     Attributes:
-        curves: Times and keys, certified as ALMotion interpolates them; set by the check.
+        curves: Times and keys, certified with ALMotion's interpolation; set by `check`.
     """
 
     method = "bezier"
@@ -231,7 +232,7 @@ class BezierMotion(FollowMotion):
         if self._channel.state.startswith("finished"):
             self._ended = now if self._ended is None else self._ended
             if not self._states or self._states[-1][1].time < self._ended:
-                return False  # what the robot was commanded last is yet to be read
+                return False  # no state has been read since the end
             if self._at < duration - EARLY and not self._has_commands_of_end():
                 text = f"the robot ended it after {self._at:.2f} s of {duration:.2f} s"
                 raise MotionEndedError(RobotMotionStatus.STOPPED, text)
@@ -242,14 +243,14 @@ class BezierMotion(FollowMotion):
         return False
 
     def _has_commands_of_end(self) -> bool:
-        """Whether the robot last reported commands of the end, which came after the last look."""
+        """Return whether the last reported commands are the end of the motion."""
         if not self._states:
             return False
         off = self._commands(self._states[-1][1]) - self._trajectory.end[self._columns]
         return bool(np.abs(off).max(initial=0.0) < ARRIVED)
 
     def _commands(self, state: RobotState) -> Array:
-        """Return the commands of the joints, or where they are for those without [rad or share]."""
+        """Return the joints' commands, or their positions where there is no command [rad or fraction]."""
         return np.where(np.isfinite(state.command), state.command, state.q)[self._columns]
 
     def _wanted(self, state: RobotState) -> Array:
@@ -269,12 +270,12 @@ class BezierMotion(FollowMotion):
 
 
 def _turned(twist: Array, angle: float) -> Array:
-    """Return v_x, v_y, omega with the velocity turned by an angle [rad], shape (3,)."""
+    """Return v_x, v_y, omega with (v_x, v_y) rotated by an angle [rad], shape (3,)."""
     cos, sin = math.cos(angle), math.sin(angle)
     return np.array([cos * twist[0] - sin * twist[1], sin * twist[0] + cos * twist[1], twist[2]])
 
 
 def placed(origin: Array, start: Array, pose: Array) -> Array:
-    """Return where a pose lies if the pose `start` is put on `origin`: x, y [m], yaw [rad], shape (3,)."""
+    """Move a pose by the planar motion that brings `start` to `origin`: x, y [m], yaw [rad], shape (3,)."""
     turn = float(origin[2] - start[2])
     return np.array([*(origin[:2] + _turned(pose - start, turn)[:2]), pose[2] + turn])

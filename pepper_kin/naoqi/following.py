@@ -1,4 +1,4 @@
-"""Results of motions on a robot, and the options of following one."""
+"""Options and results of motions on a robot."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from pepper_kin.supervision import RobotMotionStatus
 from pepper_kin.twin import Run
 
 SILENCE = 0.5
-"""Silence of a client after which the watchdog stops the robot, unless chosen otherwise [s]."""
+"""Default time without a client's heartbeat after which the watchdog stops the robot [s]."""
 
 
 @dataclass(frozen=True)
 class FollowOptions:
-    """How a motion is followed.
+    """Options of following a motion.
 
     Attributes:
-        joint_tolerance: Largest deviation of a joint [rad or share].
+        joint_tolerance: Largest deviation of a joint [rad or fraction].
         base_tolerance: Largest deviation of the base [m].
-        silence: Silence of this process after which the watchdog stops the robot, and age of the last state
+        silence: Time without a heartbeat after which the watchdog stops the robot, and age of the last state
             beyond which the motion ends [s].
-        hold_time: The longest time for the robot to arrive after the end of the motion [s].
-        lead: How much earlier than its time a target is sent [s].
-        base_gain: Velocity for each deviation of the base, to correct it [1/s].
+        hold_time: Maximum time for the robot to arrive after the end of the motion [s].
+        lead: Time by which a target is sent early [s].
+        base_gain: Gain from a deviation of the base to its correcting velocity [1/s].
     """
 
     joint_tolerance: float = 0.35
@@ -38,16 +38,16 @@ class FollowOptions:
 
 @dataclass(frozen=True, eq=False)
 class RobotMotionResult(BriefRepr):
-    """What came of a motion on a robot.
+    """Outcome of a motion on a robot.
 
     Attributes:
-        status: How it ended.
-        message: Why, where it did not complete, and what is missing where rest is not confirmed.
-        at_rest: Whether the robot was measured at rest, with nothing left that could move it.
+        status: How the motion ended.
+        message: Reason, if it did not complete, and what is missing if rest is not confirmed.
+        at_rest: Whether the robot was measured at rest, with no task left that could move it.
         method: "stream", "bezier", "live", "drive" or "move_to".
-        run: What was measured beside what was commanded, in steps of 20 ms; torques are zero where the robot
-            reports none.  None where fewer than two states were read.
-        stamps: When each state was asked for, from the start of the motion [s], shape (k,).
+        run: Measured and commanded positions, in steps of 20 ms; torques are zero if the robot
+            reports none.  None if fewer than two states were read.
+        stamps: Time at which each state was requested, from the start of the motion [s], shape (k,).
         guarded: Whether the robot has a watchdog.
     """
 
@@ -61,18 +61,18 @@ class RobotMotionResult(BriefRepr):
 
     @property
     def success(self) -> bool:
-        """Whether the motion went to its end."""
+        """Whether the motion completed."""
         return self.status is RobotMotionStatus.COMPLETED
 
     def __bool__(self) -> bool:
-        """Return whether the motion went to its end."""
+        """Return whether the motion completed."""
         return self.success
 
     @property
     def delay(self) -> float:
-        """Time by which what was measured is behind what was commanded [s], between 0 and 0.3.
+        """Delay of the measured positions behind the commanded ones [s], from 0 to 0.3.
 
-        The shift of the commands with the least sum of squares of the deviations.
+        The shift of the commands that minimizes the sum of the squared deviations.
         """
         if self.run is None:
             return float("nan")
@@ -86,7 +86,7 @@ class RobotMotionResult(BriefRepr):
         return float(shifts[int(np.argmin(sums))])
 
     def report(self) -> str:
-        """Say how it ended, how often states were read, and the deviations of all joints."""
+        """Return as text how the motion ended, how often states were read, and each joint's deviation."""
         why = f" ({self.message})" if self.message else ""
         lines = [f"Motion by {self.method}: {self.status.value}{why}", f"  {self.status.advice}"]
         lines.append(

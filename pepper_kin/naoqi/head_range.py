@@ -1,4 +1,4 @@
-"""The pitch of the head stops where the yaw lets it, as a robot's does."""
+"""Range of the head's pitch, which depends on the yaw."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ YAW, PITCH = "HeadYaw", "HeadPitch"
 class HeadRange:
     """The range of HeadPitch for each position of HeadYaw; see `pepper_kin.collision.dependent_ranges`.
 
-    A robot that is sent beyond it answers that the posture was commanded, and its pitch stops at the end.
+    Beyond the range, a robot reports the command as accepted, and its pitch stops at the end of the range.
 
     Args:
-        pepper: The model.
+        pepper: Model of the robot.
 
     Attributes:
-        pitch: Place of HeadPitch in the model.
-        stopped: Whether the pitch was kept from where it was sent in the last cycle.
+        pitch: Index of HeadPitch in the model.
+        stopped: Whether the pitch was limited in the last cycle.
     """
 
     def __init__(self, pepper: PepperModel) -> None:
@@ -30,7 +30,7 @@ class HeadRange:
         self.stopped = False
 
     def keep(self, command: Array) -> None:
-        """Change the pitch of a command that is beyond where the head stops.
+        """Limit the pitch of a command to the range at its yaw, in place.
 
         Args:
             command: Positions of all joints [rad or m], shape (n,); changed.

@@ -20,39 +20,39 @@ from pepper_kin.servers.end_signals import EndRequest, ended_by_signals
 RISK = "they could read what the robot does, and move it with the token"
 
 CLOSING = 10.0
-"""The longest time that a server takes to close [s]."""
+"""Maximum time for closing the server [s]."""
 
 WRONG_TOKEN = 0.5
-"""Time until a wrong token is answered [s]."""
+"""Delay of the answer to a wrong token [s]."""
 
 
 class Host:
     """A server of libqi with all modules of a broker.
 
-    With a token, sessions may read, and whatever changes something is refused.  The service "Access" opens
-    the rest: `session.service("Access").unlock(token).service("ALMotion")`.  Nothing is encrypted, the
-    token neither.
+    With a token, sessions may only read: calls that change anything are refused.  The service "Access" opens
+    all methods: `session.service("Access").unlock(token).service("ALMotion")`.  Neither the connection nor
+    the token is encrypted.
 
-    Where other parts of this library were used before `qi` was imported, bytes that are no messages of libqi
-    may end the process; see `pepper_kin.naoqi.qi_library`.  `pepper-kin naoqi serve` imports it first.
+    If other parts of this library were used before `qi` was imported, bytes that are no messages of libqi may
+    end the process; see `pepper_kin.naoqi.qi_library`.  `pepper-kin naoqi serve` imports it first.
 
     Args:
         broker: The simulated robot.
-        address: Where to listen; loopback only unless `allow_remote`.
-        port: Where to listen; 0 for any free port.
+        address: Address to listen on; loopback only unless `allow_remote`.
+        port: TCP port; 0 for any free port.
         allow_remote: Whether other machines may connect; they need the token.
-        token: What `unlock` takes.  If omitted none is needed on loopback, and one is made for other
+        token: Token for `unlock`.  If omitted, none is needed on loopback, and one is generated for other
             machines.
 
     Attributes:
-        url: Where clients connect, "tcp://127.0.0.1:9559".
-        token: The token, or None where none is needed.
+        url: Address for clients, "tcp://127.0.0.1:9559".
+        token: The token, or None if none is needed.
 
     Raises:
-        MissingDependencyError: where `qi` is not installed.
-        InvalidValueError: for an address that is not this machine's without `allow_remote`, a token that is
-            too short to be one, or a port that there is not.
-        InfeasibleError: for an address or a port that cannot be had.
+        MissingDependencyError: if `qi` is not installed.
+        InvalidValueError: for another machine's address without `allow_remote`, a token that is too short,
+            or an invalid port.
+        InfeasibleError: for an address or a port that is not available.
     """
 
     def __init__(
@@ -92,7 +92,7 @@ class Host:
         self.close()
 
     def close(self) -> None:
-        """End the server: calls under way end, motions stop, clients are disconnected."""
+        """Close the server: running calls end, motions stop, clients are disconnected."""
         if not self._closed.acquire(blocking=False):
             return
         atexit.unregister(self.close)
@@ -102,9 +102,9 @@ class Host:
             body.tasks.kill(tuple(body.tasks), body)
         body.time.release()
         self._session.close(_async=True).wait(int(1000 * CLOSING))
-        self._gate.close()  # not before: libqi still answers the calls that have just ended
+        self._gate.close()  # last: libqi still answers the calls that have just ended
         body.time.release()  # calls that were accepted just before
-        del self._session  # libqi keeps the services for as long as there is a session
+        del self._session  # libqi keeps the services as long as the session exists
         self._open.clear()
         self._wire.close(CLOSING)
 
@@ -112,10 +112,10 @@ class Host:
         """Serve until Ctrl-C or SIGTERM.
 
         Args:
-            ended: Set by somebody else to end it, as `ended_by_signals` does.
+            ended: Event that ends the wait when it is set, as `ended_by_signals` yields.
 
         Raises:
-            Exception: what ended the simulation, if something did.
+            Exception: the error that ended the simulation, if any.
         """
         if ended is None:
             with ended_by_signals() as ended:

@@ -1,4 +1,4 @@
-"""The gate before libqi's own port: bounds on connections, and nothing that is no message of libqi."""
+"""Proxy in front of libqi's port: it bounds connections, and admits only messages of libqi."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ from pepper_kin.servers.connection_gate import (
 _MAGIC, _SIZE, _HEADER_SIZE = b"\x42\xde\xad\x42", struct.Struct("<8xI"), 28
 
 MOST_STRANGERS, MOST_STRANGERS_OF_ONE = 64, 48
-"""Sessions that have not stated the token: in all, and of one address."""
+"""Maximum number of sessions without the token: in all, and of one address."""
 
 
 class HostGate:
-    """Passes connections on to libqi, which listens on a private port of loopback.
+    """Proxy that forwards connections to libqi, which listens on a private port of loopback.
 
-    libqi accepts as many connections as there are files, waits for their first message for ever, and has no
-    setting for either.  Here a connection gets no farther before its first message is complete.  Where there
-    is a token, sessions without it are bounded, too: they may read, and the oldest is closed for the newest
-    until the token was sent.
+    libqi accepts as many connections as the process may open files, waits for their first message for ever,
+    and has no setting for either.  Here a connection is forwarded only once its first message is complete.
+    With a token, sessions without it are bounded, too: they may read, and a new session closes the oldest one
+    that has not sent the token.
 
     Args:
-        sockets: Where clients connect; they listen already.
-        port: libqi's port.
-        token: What opens the robot, None for nothing.
+        sockets: Listening sockets that clients connect to.
+        port: Private port of libqi.
+        token: Token that unlocks the robot; None if none is needed.
     """
 
     def __init__(self, sockets: list[socket.socket], port: int, token: str | None) -> None:
@@ -48,11 +48,12 @@ class HostGate:
         self._thread.start()
 
     def close(self) -> None:
-        """End all connections."""
+        """Close all connections."""
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join()
 
     def _run(self, sockets: list[socket.socket]) -> None:
+        """Run the event loop of the gate until `close`."""
         asyncio.set_event_loop(self._loop)
         try:
             self._loop.call_soon(self._gate.start, sockets)
@@ -65,7 +66,7 @@ class HostGate:
             self._loop.close()
 
     def _judge(self, received: bytes) -> bool | bytes:
-        """Admit a connection whose first message is whole; nothing is answered to any other."""
+        """Admit a connection whose first message is complete; drop an invalid one without an answer."""
         if not _MAGIC.startswith(received[:4]):
             return b""
         if len(received) < _HEADER_SIZE:
@@ -85,7 +86,7 @@ class HostGate:
                 self._gate.dropped("other sessions came before it stated the token")
 
     async def _serve(self, connection: socket.socket, received: bytes) -> None:
-        """Pass a connection on until one of its ends has closed it."""
+        """Forward a connection until one side has closed it."""
         task = asyncio.current_task()
         assert task is not None
         client = _End(self._token, lambda: self._strangers.discard(task))
@@ -111,7 +112,7 @@ class HostGate:
 
 
 class _End(asyncio.Protocol):
-    """One end of a connection that is passed on; it begins to read once both ends are connected."""
+    """One end of a forwarded connection; reading starts once both ends are connected."""
 
     other: _End
     transport: asyncio.Transport
@@ -121,13 +122,13 @@ class _End(asyncio.Protocol):
         self.made, self.lost = False, asyncio.get_running_loop().create_future()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Keep the transport, and wait with reading."""
+        """Keep the transport, and pause reading."""
         assert isinstance(transport, asyncio.Transport)
         self.made, self.transport = True, transport
         transport.pause_reading()
 
     def data_received(self, data: bytes) -> None:
-        """Pass bytes on, and look for the token in them."""
+        """Forward bytes, and search them for the token."""
         self.other.transport.write(data)
         if self._token is not None:
             text = self._tail + data
@@ -138,20 +139,20 @@ class _End(asyncio.Protocol):
                 self._tail = text[1 - len(self._token) :]
 
     def pause_writing(self) -> None:
-        """Let the other end wait."""
+        """Pause reading at the other end."""
         self.other.transport.pause_reading()
 
     def resume_writing(self) -> None:
-        """Let the other end go on."""
+        """Resume reading at the other end."""
         self.other.transport.resume_reading()
 
     def connection_lost(self, error: Exception | None) -> None:
-        """Note the end of the connection."""
+        """Record the end of the connection."""
         if not self.lost.done():
             self.lost.set_result(None)
 
     def close(self) -> None:
-        """Send what is left, for a while."""
+        """Close the transport; abort it if the remaining bytes are not sent in time."""
         if self.made:
             self.transport.close()
             asyncio.get_running_loop().call_later(FIRST_MESSAGE_SECONDS, self.transport.abort)

@@ -16,22 +16,22 @@ from pepper_kin.collision import Scene
 from pepper_kin.exceptions import InfeasibleError
 
 START = 120.0
-"""The longest time that it takes to start [s]."""
+"""Maximum time for the process to start [s]."""
 
 END = 30.0
-"""The longest time that it takes to end [s]."""
+"""Maximum time for the process to end [s]."""
 
 
 @contextmanager
 def hosted_twin(scene: Scene | None = None, *options: str) -> Iterator[tuple[str, subprocess.Popen[str]]]:
-    """Host the modules in another process on loopback; yield its address and the process.
+    """Host the modules in another process on loopback; yield the address and the process.
 
     Args:
-        scene: What stands around the robot.
-        options: More options of `pepper-kin naoqi serve`.
+        scene: Obstacles around the robot, and attached objects.
+        options: Further options of `pepper-kin naoqi serve`.
 
     Raises:
-        InfeasibleError: where it does not start.
+        InfeasibleError: if the process does not start.
     """
     with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryFile("w+") as errors:
         command = [sys.executable, "-P", "-c", "from pepper_kin.cli import main; main()"]
@@ -60,7 +60,7 @@ def hosted_twin(scene: Scene | None = None, *options: str) -> Iterator[tuple[str
                 errors.seek(0)
                 reason = errors.read().strip().splitlines() or ["it did not start"]
                 raise InfeasibleError("simulated robot", reason[-1], "run: pepper-kin naoqi serve --port 0")
-            # libqi logs to it: a pipe that nobody reads is full some day, and the process waits for ever.
+            # libqi logs to stdout: unread, the pipe would fill up, and the process would wait for ever.
             threading.Thread(
                 target=deque, args=(process.stdout, 0), name="hosted-twin-log", daemon=True
             ).start()

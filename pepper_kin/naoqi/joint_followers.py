@@ -1,4 +1,4 @@
-"""The simulated joints' response to ALMotion's commands: late, with lag, backlash and gravity's droop."""
+"""The simulated joints' response to ALMotion's commands: latency, lag, backlash and droop by gravity."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from pepper_kin.twin import JointResponse
 
 
 class JointFollowers:
-    """The references of the twin's joints, from cycle to cycle; see `JointResponse` for the law.
+    """The references of the twin's joints, cycle by cycle; see `JointResponse` for the law.
 
     Args:
-        pepper: The robot, whose gravity counts.
-        response: How its joints follow.
-        command: Where they begin [rad, m or share], shape (n,).
-        early: Latency that the twin's actuators have by themselves [s].
+        pepper: Model of the robot, with its gravity.
+        response: Response of the joints to commands.
+        command: Initial positions [rad, m or fraction], shape (n,).
+        early: Latency of the twin's actuators, which counts towards the response's latency [s].
 
     Attributes:
-        position: References at the end of the last cycle [rad, m or share], shape (n,).
+        position: References at the end of the last cycle [rad, m or fraction], shape (n,).
     """
 
     def __init__(self, pepper: PepperModel, response: JointResponse, command: Array, early: float) -> None:
@@ -31,17 +31,17 @@ class JointFollowers:
         late = np.where(response.latency > 0, response.latency - early, 0.0)
         cycles = np.maximum(late / CYCLE, 0.0)
         self._delay = np.floor(cycles).astype(int)
-        self._between = cycles - self._delay  # a fraction of a cycle lies between two commands
+        self._between = cycles - self._delay  # fraction of a cycle, to interpolate between two commands
         self._columns = np.arange(pepper.n)
         self.place(command)
 
     def place(self, command: Array) -> None:
-        """Let all joints rest at a command, shape (n,)."""
+        """Set all joints at rest at a command, shape (n,)."""
         self._commands = np.tile(command, (int(self._delay.max()) + 2, 1))
         self._servo, self._link, self.position = (np.array(command, dtype=float) for _ in range(3))
 
     def put(self, joints: list[int], position: Array) -> None:
-        """Let some joints rest at positions, shape (k,)."""
+        """Set joints at rest at positions, shape (k,)."""
         self._commands[:, joints] = position
         for reference in (self._servo, self._link, self.position):
             reference[joints] = position
@@ -50,7 +50,7 @@ class JointFollowers:
         """Return the references at the end of the next cycle, shape (n,).
 
         Args:
-            command: Of that cycle [rad, m or share], shape (n,).
+            command: Command of the cycle [rad, m or fraction], shape (n,).
         """
         self._commands = np.concatenate([command[None], self._commands[:-1]])
         due, older = (self._commands[self._delay + k, self._columns] for k in (0, 1))

@@ -39,20 +39,20 @@ CHAIN_OF = {joint: chain for chain in ("Head", "LArm", "Leg", "RArm", "Wheels") 
 """Name of a joint -> the chain that it belongs to."""
 
 BASE_RESOURCES = ("WheelFL", "WheelFR", "WheelB")
-"""What a motion of the base books."""
+"""Resources that a motion of the base uses."""
 
 
 def names_of(value: object, module: str, method: str, *, wheels: bool = True) -> list[str]:
-    """Return the joints meant by a name or a list of names of joints and chains.
+    """Return the joints of a name or a list of names of joints and chains.
 
     Args:
-        value: A joint, a chain, or a list of these.
-        module: Of the call, for the message.
-        method: Of the call, for the message.
-        wheels: Whether "Body" and "Actuators" hold the wheels, too.
+        value: Name of a joint or a chain, or a list of names.
+        module: Module of the call, for the message.
+        method: Method of the call, for the message.
+        wheels: Whether "Body" and "Actuators" include the wheels.
 
     Raises:
-        NaoqiError: for a value that is neither a name nor a list of names, or for an unknown one.
+        NaoqiError: for a value that is neither a name nor a list of names, or for an unknown name.
     """
     if isinstance(value, str):
         known = CHAINS.get(value)

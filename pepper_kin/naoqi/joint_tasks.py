@@ -1,4 +1,4 @@
-"""Tasks that move joints: along curves through keys, towards targets, and the stiffness."""
+"""Tasks that move joints along curves through keys or to targets, and tasks that change the stiffness."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from pepper_kin.trajectory.key_curve import Key, curve_segments
 if TYPE_CHECKING:
     from pepper_kin.naoqi.body import Body
 
-_SETTLED = 1e-4  # [rad or share]
-_LONGEST_SLIDE = 3.0  # [s] that a task waits for an arm that slides along what it was kept from
+_SETTLED = 1e-4  # [rad or fraction]; error below which a command counts as reached
+_LONGEST_SLIDE = 3.0  # [s]; maximum time that a task waits for an arm that slides along an obstacle
 
 
 class CurveTask(BodyTask):
-    """Joints along curves of time through keys.
+    """Move joints along curves of time through keys.
 
     Args:
-        name: Method that began it.
-        keys: Joint -> its keys in order of time, angles absolute or, with `relative`, from where it starts.
-        relative: Whether angles are changes.
+        name: Name of the method that started the task.
+        keys: Joint -> its keys in order of time; angles are absolute or, with `relative`, changes.
+        relative: Whether angles are changes from the commands at the start.
     """
 
     def __init__(self, name: str, keys: Mapping[str, tuple[Key, ...]], relative: bool = False) -> None:
@@ -39,7 +39,7 @@ class CurveTask(BodyTask):
         self._ends: dict[str, float] = {}
 
     def start(self, body: Body) -> None:
-        """Lay the curves from the present commands."""
+        """Compute the curves from the present commands."""
         for joint, keys in self.keys.items():
             begin = body.commanded(joint)
             offset = begin if self.relative else 0.0
@@ -50,18 +50,18 @@ class CurveTask(BodyTask):
             self._ends[joint] = placed[-1].value
 
     def step(self, body: Body) -> bool:
-        """Command the values of one cycle later; at the end wait for what the limits of speed held back."""
+        """Command the values of the next cycle; after the end, wait for joints behind by velocity limits."""
         self._elapsed += CYCLE
         if self._elapsed < self.duration + 1e-9:
             for joint, (breaks, powers) in self._curves.items():
                 body.command[body.index[joint]] = value_at(breaks, powers, self._elapsed)
-            return True  # the twin has the last command a cycle later
+            return True  # the twin reaches the last command a cycle later
         for joint, end in self._ends.items():
             body.command[body.index[joint]] = end
         return self._behind(body)
 
     def _behind(self, body: Body) -> bool:
-        """Return whether limits of speed hold back a joint whose motor is on, or a protected arm slides."""
+        """Return whether a joint with its motor on is behind its end by velocity limits, or an arm slides."""
         most = body.velocity_limits
         may_slide = self._elapsed < self.duration + _LONGEST_SLIDE
         return any(
@@ -73,12 +73,12 @@ class CurveTask(BodyTask):
 
 
 def value_at(breaks: Array, powers: Array, time: float) -> float:
-    """Return the value of cubics in time at a time.
+    """Return the value of a piecewise cubic at a time.
 
     Args:
-        breaks: Times where the cubics begin, and the end [s], shape (m + 1,).
-        powers: Coefficients from the break, constant first, shape (m, p).
-        time: [s].
+        breaks: Start of each cubic, and the end [s], shape (m + 1,).
+        powers: Coefficients in the time since the break, constant first, shape (m, p).
+        time: Time [s], held within the breaks.
     """
     k = int(np.clip(np.searchsorted(breaks, time, side="right") - 1, 0, len(powers) - 1))
     s = min(time, float(breaks[-1])) - float(breaks[k])
@@ -86,11 +86,11 @@ def value_at(breaks: Array, powers: Array, time: float) -> float:
 
 
 class TrajectoryTask(BodyTask):
-    """The joints that a trajectory moves along it, from wherever they are.
+    """Move joints along a trajectory, after an approach to its start; joints that it does not move are free.
 
     Args:
-        name: Method that began it.
-        trajectory: Of joints of the body [rad].
+        name: Name of the method that started the task.
+        trajectory: Trajectory of joints of the body [rad].
     """
 
     def __init__(self, name: str, trajectory: Trajectory) -> None:
@@ -106,7 +106,7 @@ class TrajectoryTask(BodyTask):
         self._approach: CurveTask | None = None
 
     def start(self, body: Body) -> None:
-        """Approach the start of the trajectory, if the joints are elsewhere."""
+        """Start an approach to the start of the trajectory, if the joints are not there."""
         first = {joint: float(self._trajectory.coefficients[0, 0, k]) for joint, k in self._columns.items()}
         need = max(
             abs(angle - body.commanded(j)) / (0.2 * body.velocity_limits[j]) for j, angle in first.items()
@@ -116,7 +116,7 @@ class TrajectoryTask(BodyTask):
             self._approach.start(body)
 
     def step(self, body: Body) -> bool:
-        """Command the values of one cycle later."""
+        """Command the values of the next cycle."""
         if self._approach is not None:
             if self._approach.step(body):
                 return True
@@ -129,15 +129,15 @@ class TrajectoryTask(BodyTask):
 
 
 class SpeedTask(BodyTask):
-    """Joints to targets with a share of their fastest speed (`setAngles`, `changeAngles`).
+    """Move joints to targets with a fraction of their maximum speed (`setAngles`, `changeAngles`).
 
-    Each goes along a cubic in time; see `pepper_kin.core.simulation.target_following`.
+    Each joint moves along a cubic in time; see `pepper_kin.core.simulation.target_following`.
 
     Args:
-        name: Method that began it.
-        targets: Joint -> angle [rad or share].
-        share: Of the fastest speed, above 0 and at most 1.
-        reactive: Whether a later call takes its joints away.
+        name: Name of the method that started the task.
+        targets: Joint -> target [rad or fraction].
+        share: Fraction of the maximum speed, 0 to 1; 0 keeps the joints.
+        reactive: Whether a later call may take joints away.
     """
 
     def __init__(
@@ -149,7 +149,7 @@ class SpeedTask(BodyTask):
         self._curves: dict[str, tuple[float, float, float, float, float]] = {}
 
     def step(self, body: Body) -> bool:
-        """Move the commands of the joints that it still has."""
+        """Move the commands of the joints that the task still has."""
         going = False
         for joint in tuple(self.resources):
             if body.is_limp(joint) or self.share == 0.0:
@@ -167,7 +167,7 @@ class SpeedTask(BodyTask):
         return going
 
     def _curve(self, body: Body, joint: str) -> tuple[float, float, float, float]:
-        """Return origin, way, speed and duration of the cubic to a joint's target."""
+        """Return origin, displacement, initial speed and duration [s] of the cubic to a joint's target."""
         k = body.index[joint]
         origin, speed = float(body.command[k]), body.command_rate(joint)
         way = body.clipped(joint, self.targets[joint]) - origin
@@ -177,10 +177,10 @@ class SpeedTask(BodyTask):
 
 
 class StiffnessTask(BodyTask):
-    """Stiffness of joints along lines through keys.
+    """Change the stiffness of joints along lines through keys.
 
     Args:
-        keys: Joint -> times [s] and stiffness.
+        keys: Joint -> times [s], and stiffness at each time.
     """
 
     def __init__(self, keys: Mapping[str, tuple[Sequence[float], Sequence[float]]]) -> None:
@@ -190,7 +190,7 @@ class StiffnessTask(BodyTask):
         self._begin: dict[str, float] = {}
 
     def start(self, body: Body) -> None:
-        """Begin with the stiffness of now."""
+        """Start from the present stiffness."""
         self._begin = {joint: body.stiffness[joint] for joint in self.keys}
 
     def step(self, body: Body) -> bool:

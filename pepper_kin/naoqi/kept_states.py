@@ -1,4 +1,4 @@
-"""Modules of which the twin keeps what was set: movements by themselves, extractors, sound, the tablet."""
+"""Modules that only keep the values that were set: autonomous movements, extractors, sound, the tablet."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pepper_kin.naoqi.tables import table
 class StateModule(Module):
     """A module whose `set...` and `get...` keep values; other listed methods are accepted or answered.
 
-    Its `set` and `get` methods are made as they are called, so that what was set comes back.
+    `set` and `get` methods are created when they are called, so that every `get` returns the set value.
     """
 
     accepted: tuple[str, ...] = ()
@@ -29,13 +29,13 @@ class StateModule(Module):
         vars(self).update({name: MemorySignal() for name in self.signals})
 
     def getMethodList(self) -> list[str]:
-        """Return the names of all methods that are listed."""
+        """Return the names of all listed methods."""
         kept = [f"{prefix}{what}" for what in self.defaults for prefix in ("set", "get", "is")]
         listed = (*self.accepted, *self.answers, *self.not_simulated, *kept)
         return sorted({*super().getMethodList(), *listed})
 
     def __getattr__(self, name: str) -> Callable[..., Any]:
-        """Return the function of a listed method, or of a `set` or `get`."""
+        """Return the function of a listed, `set`, `get` or `is` method."""
         if name.startswith("_"):
             raise AttributeError(name)
         if name in self.accepted:
@@ -71,6 +71,7 @@ class StateModule(Module):
 
 
 def _state_module(name: str) -> type[StateModule]:
+    """Create the class of a module from its entry in `data/modules.json`."""
     modules = table("modules")
     entry = modules["kept"][name]
     accepted = (*entry.get("accepts", ()), *(modules["extractor"] if entry.get("extractor") else ()))
@@ -88,22 +89,22 @@ def _state_module(name: str) -> type[StateModule]:
 
 
 class ALTabletService(_state_module("ALTabletService")):  # type: ignore[misc]
-    """The tablet: what it would show is logged."""
+    """The tablet, which logs what it would show."""
 
     def robotIp(self) -> str:
-        """Return the address of the robot as the tablet knows it."""
+        """Return the robot's address in the network of the tablet."""
         return "198.18.0.1"
 
 
 class RefusedModule(Module):
-    """A module that the robot has and the twin does not simulate: its methods answer so."""
+    """A module of the robot that the twin does not simulate: its methods raise NotSimulatedError."""
 
     def getMethodList(self) -> list[str]:
-        """Return the names of the methods that clients find."""
+        """Return the names of the methods that clients see."""
         return sorted({*super().getMethodList(), *table("modules")["refused"][self.name].get("methods", ())})
 
     def __getattr__(self, name: str) -> Callable[..., Any]:
-        """Return a function that says that a method is not simulated."""
+        """Return a function that raises NotSimulatedError."""
         if name.startswith("_"):
             raise AttributeError(name)
 

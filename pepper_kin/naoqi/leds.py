@@ -41,20 +41,20 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "FaceLedsExternal": EYES,
     "FaceLedsInternal": EYES,
 }
-"""Group of lights -> its lights."""
+"""Name of a group -> its lights."""
 
 CHANNELS = {"Red": (0,), "Green": (1,), "Blue": (2,)}
 
 
 @dataclass(frozen=True)
 class Fade:
-    """A change of a color along a line in time.
+    """A linear change of a color in time.
 
     Attributes:
-        before: Red, green, blue, 0 to 1.
-        after: Where it ends.
-        start: When it begins [s].
-        duration: [s].
+        before: Initial red, green, blue, 0 to 1.
+        after: Final red, green, blue, 0 to 1.
+        start: Start time [s].
+        duration: Duration [s].
     """
 
     before: Color
@@ -80,15 +80,15 @@ class ALLeds(Module):
         self._groups: dict[str, tuple[str, ...]] = dict(GROUPS)
 
     def color(self, light: str) -> Color:
-        """Return red, green and blue (0 to 1) of a light now."""
+        """Return the present red, green and blue (0 to 1) of a light."""
         return self._lights[light].at(self.body.time.now)
 
     def colors(self) -> dict[str, Color]:
-        """Return red, green and blue (0 to 1) of all lights now."""
+        """Return the present red, green and blue (0 to 1) of all lights."""
         return {light: self.color(light) for light in self._lights}
 
     def fadeRGB(self, name: str, *arguments: Any) -> None:
-        """Fade to a color: (name, "red", s), (name, 0xRRGGBB, s) or (name, r, g, b, s); blocks."""
+        """Fade to (name, "red", s), (name, 0xRRGGBB, s) or (name, r, g, b, s); return when done."""
         method = "fadeRGB"
         *color, duration = arguments if len(arguments) > 1 else (*arguments, 0.0)
         if len(color) == 3:
@@ -102,40 +102,40 @@ class ALLeds(Module):
         self._fade(method, name, values, self.number(method, "duration", duration), (0, 1, 2))  # type: ignore[arg-type]
 
     def fade(self, name: str, intensity: float, duration: float) -> None:
-        """Fade to a brightness, 0 to 1; blocks."""
+        """Fade to a brightness, 0 to 1; return when done."""
         value = self.share_of_light("fade", intensity)
         seconds = self.number("fade", "duration", duration)
         self._fade("fade", name, (value,) * 3, seconds, self._channels(name))
 
     def fadeListRGB(self, name: str, rgbList: Any, timeList: Any) -> None:
-        """Fade through colors at times [s]; blocks."""
+        """Fade through colors at times [s]; return when done."""
         before = 0.0
         for color, time in zip(rgbList, timeList, strict=True):
             self.fadeRGB(name, color, float(time) - before)
             before = float(time)
 
     def getIntensity(self, name: str) -> list[float]:
-        """Return the brightness of a light: the largest of red, green and blue."""
+        """Return the brightness of each light of a name: the maximum of red, green and blue."""
         return [max(self.color(light)) for light in self._named_lights("getIntensity", name)]
 
     def reset(self, name: str) -> None:
-        """Make lights white."""
+        """Set lights to white."""
         self._fade("reset", name, (1.0, 1.0, 1.0), 0.0, (0, 1, 2))
 
     def rasta(self, duration: float) -> None:
-        """Show green, yellow and red; blocks."""
+        """Fade the eyes through green, yellow and red; return when done."""
         third = self.number("rasta", "duration", duration) / 3.0
         for color in ("green", "yellow", "red"):
             self.fadeRGB("FaceLeds", color, third)
 
     def randomEyes(self, duration: float) -> None:
-        """Show some colors, always the same; blocks."""
+        """Fade the eyes through four fixed colors; return when done."""
         part = self.number("randomEyes", "duration", duration) / 4.0
         for color in ("magenta", "cyan", "yellow", "white"):
             self.fadeRGB("FaceLeds", color, part)
 
     def rotateEyes(self, rgb: int, timeForRotation: float, totalDuration: float) -> None:
-        """Let a color go around the eyes; blocks."""
+        """Rotate a color around the eyes; return when done."""
         color = self._named("rotateEyes", rgb)
         total = self.number("rotateEyes", "totalDuration", totalDuration)
         turn = max(self.number("rotateEyes", "timeForRotation", timeForRotation), 0.1)
@@ -145,7 +145,7 @@ class ALLeds(Module):
             self.body.time.sleep(turn / 8)
 
     def earLedsSetAngle(self, degrees: int, duration: float, leaveOnAtEnd: bool) -> None:
-        """Show a direction with the ears, 0 up and 90 forward, for some seconds; blocks."""
+        """Show a direction with the ears (0 up, 90 forward) for a duration [s]; return when done."""
         number = round(self.number("earLedsSetAngle", "degrees", degrees) / 36.0) % 10
         for light in EARS:
             self._fade(
@@ -156,21 +156,21 @@ class ALLeds(Module):
             self._fade("earLedsSetAngle", "EarLeds", (0.0, 0.0, 0.0), 0.0, (2,))
 
     def createGroup(self, groupName: str, ledNames: Any) -> None:
-        """Make a group of lights."""
+        """Create a group of lights."""
         self._groups[groupName] = tuple(
             light for n in ledNames for light in self._named_lights("createGroup", n)
         )
 
     def listGroups(self) -> list[str]:
-        """Return the groups."""
+        """Return the names of all groups."""
         return sorted(self._groups)
 
     def listGroup(self, groupName: str) -> list[str]:
-        """Return the lights of a group."""
+        """Return the names of a group's lights."""
         return list(self._named_lights("listGroup", groupName))
 
     def listLEDs(self) -> list[str]:
-        """Return the lights."""
+        """Return the names of all lights."""
         return list(self._lights)
 
     def _set_intensity(self, method: str, name: str, intensity: Any) -> None:
@@ -178,10 +178,11 @@ class ALLeds(Module):
         self._fade("setIntensity", name, (value,) * 3, 0.0, self._channels(name))
 
     def share_of_light(self, method: str, value: Any) -> float:
-        """Return a brightness cut to 0 to 1."""
+        """Return a brightness clipped to 0 to 1."""
         return min(max(self.number(method, "intensity", value), 0.0), 1.0)
 
     def _named(self, method: str, color: Any) -> Color:
+        """Return red, green and blue, 0 to 1, of a color's name or 0xRRGGBB."""
         if isinstance(color, str):
             if color.lower() not in NAMED:
                 raise self.fail(
@@ -198,6 +199,7 @@ class ALLeds(Module):
         return (0, 1, 2)
 
     def _named_lights(self, method: str, name: Any) -> tuple[str, ...]:
+        """Return the lights of a group's or light's name, or of the group that the name contains."""
         if name in self._groups:
             return self._groups[name]
         if name in self._lights:
@@ -217,6 +219,7 @@ class ALLeds(Module):
         raise self.fail(method, f"name: got {quoted(name)}, expected one of {', '.join(self._groups)}")
 
     def _fade(self, method: str, name: str, color: Color, duration: float, channels: tuple[int, ...]) -> None:
+        """Fade the given channels of lights to a color, and wait for the duration [s]."""
         now = self.body.time.now
         for light in self._named_lights(method, name):
             before = self.color(light)

@@ -1,4 +1,4 @@
-"""A connection with a robot's NAOqi in which no wait is without a limit."""
+"""A connection with a robot's NAOqi in which every wait has a timeout."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from pepper_kin.naoqi.errors import NaoqiError, RobotConnectionError
 from pepper_kin.naoqi.qi_library import libqi
 
 PORT = 9559
-"""Where NAOqi listens."""
+"""TCP port of NAOqi."""
 
 ANSWER = 5.0
-"""The longest time that an answer takes [s]."""
+"""Default timeout of an answer [s]."""
 
 
 class RobotLink:
-    """A session of libqi with limits on its waits.
+    """A session of libqi with a timeout on every wait.
 
     Args:
-        url: "tcp://pepper.local:9559".
-        token: What the service "Access" of a simulated robot takes, where it needs one.
-        timeout: The longest time that an answer takes [s].
+        url: Address, "tcp://pepper.local:9559".
+        token: Token for the service "Access" of a simulated robot that requires one.
+        timeout: Timeout of each answer [s].
 
     Raises:
-        MissingDependencyError: where `qi` is not installed.
-        RobotConnectionError: where nobody answers.
+        MissingDependencyError: if `qi` is not installed.
+        RobotConnectionError: if nothing answers.
         NaoqiError: for a wrong token.
     """
 
@@ -47,9 +47,9 @@ class RobotLink:
             self._services.clear()
 
     def _look_for(self, url: str) -> None:
-        """Refuse an address where nobody listens, before libqi does, which may then never let go.
+        """Raise if nothing listens at an address, because libqi's own attempt may never end.
 
-        It does so in processes that loaded coal before it; see `pepper_kin.naoqi.qi_library`.
+        It does not end in processes that loaded coal before libqi; see `pepper_kin.naoqi.qi_library`.
         """
         try:
             parts = urlsplit(url)
@@ -62,17 +62,17 @@ class RobotLink:
             socket.create_connection((host, port), self.timeout).close()
         except TimeoutError as error:
             raise RobotConnectionError(url, f"connect: no answer within {self.timeout:g} s") from error
-        except (OSError, UnicodeError) as error:  # the second for names that no host has
+        except (OSError, UnicodeError) as error:  # UnicodeError for names that no host can have
             reason = getattr(error, "strerror", None) or error
             raise RobotConnectionError(url, f"connect: {reason}") from error
 
     @property
     def alive(self) -> bool:
-        """Whether the connection stands, as far as the system knows."""
+        """Whether the session is connected, as far as libqi knows."""
         return bool(self._session.isConnected())
 
     def close(self) -> None:
-        """End the connection."""
+        """Close the connection."""
         self._services.clear()
         self._opened = None
         self._session.close(_async=True).wait(int(1000 * self.timeout))
@@ -83,14 +83,14 @@ class RobotLink:
         return [str(one["name"]) for one in found]
 
     def service(self, name: str) -> Any:
-        """Return a service of the robot, which is looked up once."""
+        """Return a service of the robot; it is looked up once."""
         if name not in self._services:
             source = self._session if self._opened is None else self._opened
             self._services[name] = self.value(source.service(name, _async=True), f"service {name}")
         return self._services[name]
 
     def start(self, module: str, method: str, *arguments: Any) -> Any:
-        """Begin a call; return its future."""
+        """Start a call; return its future."""
         try:
             return getattr(self.service(module), method)(*arguments, _async=True)
         except (RuntimeError, AttributeError) as error:
@@ -102,19 +102,19 @@ class RobotLink:
         """Call a method and return its value.
 
         Args:
-            module: "ALMotion".
-            method: "getAngles".
-            arguments: Of the method.
-            timeout: The longest time to wait [s]; that of the connection if omitted.
+            module: Name of the module, "ALMotion".
+            method: Name of the method, "getAngles".
+            arguments: Arguments of the method.
+            timeout: Timeout [s]; the connection's timeout if omitted.
 
         Raises:
-            RobotConnectionError: where the connection is lost, or no answer comes.
-            NaoqiError: what the robot answered instead of a value.
+            RobotConnectionError: if the connection is lost, or no answer comes in time.
+            NaoqiError: if the robot returned an error.
         """
         return self.value(self.start(module, method, *arguments), f"{module}.{method}", timeout)
 
     def value(self, future: Any, what: str, timeout: float | None = None) -> Any:
-        """Return the value of a future; the errors are those of `call`."""
+        """Return the value of a future; raise the same errors as `call`."""
         limit = self.timeout if timeout is None else timeout
         if future.wait(int(1000 * limit)) == self._running:
             with contextlib.suppress(RuntimeError):
@@ -136,7 +136,7 @@ class RobotLink:
 
 
 class _Proxy:
-    """The methods of a module as calls with a limit."""
+    """The methods of a module, as calls with a timeout."""
 
     def __init__(self, link: RobotLink, module: str) -> None:
         self._link, self._module = link, module

@@ -1,4 +1,4 @@
-"""A live motion on a robot that speaks NAOqi, for a supervisor."""
+"""A live motion on a robot with NAOqi, for a supervisor."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from pepper_kin.supervision import MotionEndedError, RobotMotionStatus
 EachCycle = Callable[[float, LiveState | None], bool]
 
 LAST_SPEED = 0.1
-"""Share of the fastest speed of the last targets, where the robot is already."""
+"""Fraction of the maximum speed for the last targets, which the robot has reached already."""
 
 
 class LiveStream(CommandedMotion):
-    """Targets of a live motion at 50 Hz; its measured states go back to it.
+    """Targets of a live motion at 50 Hz, with the measured states fed back to the motion.
 
     Args:
         link: The connection.
-        pepper: Robot whose states are read.
-        base: Times, watchdog and clock.
-        live: The motion, of joints without a base.
-        each_cycle: Called before each cycle with the time and the last state; returns whether to go on, and
-            is not called again after it said no.
-        check: Raises what speaks against the motion.
+        pepper: Model of the robot's states.
+        base: Options, watchdog and clock.
+        live: The live motion, of joints without a base.
+        each_cycle: Called before each cycle with the time [s] and the last state; returns whether to go
+            on.  It is not called again after it returned False.
+        check: Raises if the motion must not start.
     """
 
     method = "live"

@@ -14,17 +14,17 @@ if TYPE_CHECKING:
     from pepper_kin.naoqi.broker import Broker
 
 HISTORY = 100
-"""Values of an event that are kept."""
+"""Number of values kept of each event."""
 
 
 class MemorySignal:
-    """A signal: functions that are called with a value.
+    """A signal: functions that are called with its values.
 
-    `connect` returns a number for `disconnect`; a call of the signal emits it.
+    `connect` returns a number for `disconnect`; calling the signal emits it.
 
     Args:
-        signature: Types of the values, which are not looked at.
-        on_subscribers: Called with whether somebody is connected, whenever that changes.
+        signature: Types of the values; ignored.
+        on_subscribers: Called with True when the first function is connected, and False after the last.
     """
 
     def __init__(self, signature: str = "m", on_subscribers: Callable[[bool], Any] | None = None) -> None:
@@ -34,7 +34,7 @@ class MemorySignal:
         self._on_subscribers = on_subscribers
 
     def connect(self, callback: Callable[..., Any], *_: Any, **__: Any) -> int:
-        """Call a function whenever the signal is emitted; return its number."""
+        """Connect a function, which is called whenever the signal is emitted; return its number."""
         with self._lock:
             self._number += 1
             self._callbacks[self._number] = callback
@@ -44,7 +44,7 @@ class MemorySignal:
         return number
 
     def disconnect(self, number: int, *_: Any) -> bool:
-        """Call a function no longer; return whether it was connected."""
+        """Disconnect a function; return whether it was connected."""
         with self._lock:
             known = self._callbacks.pop(number, None) is not None
             last = known and not self._callbacks
@@ -53,13 +53,13 @@ class MemorySignal:
         return known
 
     def disconnectAll(self) -> bool:
-        """Call nobody any longer."""
+        """Disconnect all functions."""
         for number in tuple(self._callbacks):
             self.disconnect(number)
         return True
 
     def __call__(self, *values: Any) -> None:
-        """Emit."""
+        """Emit the signal: call all connected functions."""
         for callback in tuple(self._callbacks.values()):
             callback(*values)
 
@@ -67,7 +67,7 @@ class MemorySignal:
 
 
 class Subscriber:
-    """What `ALMemory.subscriber` returns: an object with a signal."""
+    """The signal of an event, as returned by `ALMemory.subscriber`."""
 
     def __init__(self) -> None:
         self.signal = MemorySignal()
@@ -103,7 +103,7 @@ class ALMemory(Module):
     # For other modules.
 
     def insert(self, key: str, value: Any) -> None:
-        """Keep a value and raise its event."""
+        """Set the value of a key, and raise its event."""
         self.raiseEvent(key, value)
 
     def press(self, sensor: str, pressed: bool) -> None:
@@ -119,7 +119,7 @@ class ALMemory(Module):
         """Return the value of a key.
 
         Raises:
-            NaoqiError: for a key that nobody has written.
+            NaoqiError: for a key without a value.
         """
         if key in self._data:
             return self._data[key]
@@ -128,7 +128,7 @@ class ALMemory(Module):
         raise self.fail("getData", f"unable to get data for key: {key}")
 
     def getListData(self, keyList: Any) -> list[Any]:
-        """Return the values of keys, all of one cycle; None for those that nobody has written."""
+        """Return the values of keys, all from one cycle; None for keys without a value."""
         with self.body.time.lock:
             return [self._data.get(key, self.devices.get(key)) for key in keyList]
 
@@ -139,12 +139,12 @@ class ALMemory(Module):
         return self.getData(key)
 
     def getTimestamp(self, key: str) -> list[Any]:
-        """Return the value of a key, and the seconds and microseconds at which it was written."""
+        """Return the value of a key, and the wall time at which it was written: seconds, microseconds."""
         stamp = self._stamps.get(key, self.broker.wall_time())
         return [self.getData(key), int(stamp), int(stamp % 1.0 * 1e6)]
 
     def getDataList(self, filter: str) -> list[str]:
-        """Return the keys that hold a text."""
+        """Return the keys that contain a text."""
         return [key for key in self.getDataListName() if filter in key]
 
     def getDataListName(self) -> list[str]:
@@ -152,7 +152,7 @@ class ALMemory(Module):
         return sorted({*self._data, *self.devices.names})
 
     def getType(self, key: str) -> str:
-        """Return the type of a value."""
+        """Return the type of a key's value."""
         value = self.getData(key)
         names = {
             bool: "Bool",
@@ -166,22 +166,22 @@ class ALMemory(Module):
         return names.get(type(value), "Data")
 
     def insertData(self, key: str, value: Any) -> None:
-        """Keep a value under a key, without an event."""
+        """Set the value of a key, without an event."""
         self._data[str(key)] = value
         self._stamps[str(key)] = self.broker.wall_time()
 
     def insertListData(self, list: Any) -> None:
-        """Keep pairs of key and value."""
+        """Set the values of [key, value] pairs, without events."""
         for pair in list:
             self.insertData(pair[0], pair[1])
 
     def removeData(self, key: str) -> None:
-        """Forget a key."""
+        """Remove a key."""
         if self._data.pop(key, self) is self:
             raise self.fail("removeData", f"unable to find key: {key}")
 
     def setDescription(self, name: str, description: str) -> None:
-        """Describe a key."""
+        """Set the description of a key."""
         self._descriptions[name] = description
 
     def getDescriptionList(self, keylist: Any) -> list[list[str]]:
@@ -198,7 +198,7 @@ class ALMemory(Module):
         self._events[eventName] = extractorName
 
     def raiseEvent(self, name: str, value: Any) -> None:
-        """Keep a value and call the subscribers of its event."""
+        """Set the value of a key, and call the subscribers of its event."""
         self._events.setdefault(name, "")
         self.insertData(name, value)
         history = self._history.setdefault(name, [])
@@ -209,7 +209,7 @@ class ALMemory(Module):
             subscriber.signal(value)
 
     def raiseMicroEvent(self, name: str, value: Any) -> None:
-        """Do what `raiseEvent` does."""
+        """Raise an event, which is listed as a micro event, too."""
         self._micro_events.add(name)
         self.raiseEvent(name, value)
 
@@ -220,7 +220,7 @@ class ALMemory(Module):
     def subscribeToEvent(
         self, name: str, callbackModule: str, callbackMessage: str, callbackMethod: str = ""
     ) -> None:
-        """Call a method of a module (name, value, message) whenever an event is raised."""
+        """Call a module's method with (name, value, message) whenever an event is raised."""
         method, message = (callbackMethod, callbackMessage) if callbackMethod else (callbackMessage, "")
         module = self.broker.module(callbackModule)
         function = getattr(module, method)
@@ -233,7 +233,7 @@ class ALMemory(Module):
         self._callbacks[name, callbackModule] = self.subscriber(name).signal.connect(call)
 
     def unsubscribeToEvent(self, name: str, callbackModule: str) -> None:
-        """Call the module no longer."""
+        """End a module's subscription to an event."""
         number = self._callbacks.pop((name, callbackModule), None)
         if number is None:
             raise self.fail("unsubscribeToEvent", f"{callbackModule} has not subscribed to {name}")
@@ -244,7 +244,7 @@ class ALMemory(Module):
     def subscribeToMicroEvent(
         self, name: str, callbackModule: str, callbackMessage: str, callbackMethod: str
     ) -> None:
-        """Do what `subscribeToEvent` does."""
+        """Subscribe to an event, which is listed as a micro event, too."""
         self._micro_events.add(name)
         self.subscribeToEvent(name, callbackModule, callbackMessage, callbackMethod)
 
@@ -259,7 +259,7 @@ class ALMemory(Module):
         return [module for event, module in self._callbacks if event == name]
 
     def getEventList(self) -> list[str]:
-        """Return the events that were declared or raised."""
+        """Return the events that were declared or raised, and those of the devices."""
         return sorted({*self._events, *table("devices")["events"].values()})
 
     def getMicroEventList(self) -> list[str]:
@@ -271,16 +271,16 @@ class ALMemory(Module):
         return [event for event, extractor in self._events.items() if extractor == extractorName]
 
     def getEventHistory(self, key: str) -> list[Any]:
-        """Return the last values of an event."""
+        """Return the last values of an event, oldest first."""
         return list(self._history.get(key, []))
 
     def removeEvent(self, name: str) -> None:
-        """Forget an event."""
+        """Remove an event and its subscribers."""
         self._events.pop(name, None)
         self._subscribers.pop(name, None)
 
     def removeMicroEvent(self, name: str) -> None:
-        """Forget a micro event."""
+        """Remove a micro event and its subscribers."""
         self._micro_events.discard(name)
         self.removeEvent(name)
 
@@ -296,7 +296,7 @@ class ALMemory(Module):
             )
 
     def look_for_touches(self) -> None:
-        """Raise the events of bumpers and touch sensors that changed; called by the broker now and then."""
+        """Poll bumpers and touch sensors, and raise the events of those that have changed."""
         for sensor, event in table("devices")["events"].items():
             touched = self.devices.touched(sensor)
             if touched != self._touched.get(sensor, False):
@@ -305,7 +305,7 @@ class ALMemory(Module):
 
 
 def _call_with(function: Callable[..., Any], name: str, value: Any, message: str) -> None:
-    """Call with as many of (name, value, message) as the function takes: scripts write all three forms."""
+    """Call a function with as many of (name, value, message) as it takes: scripts use all forms."""
     code = getattr(function, "__code__", None)
     count = 3 if code is None or code.co_flags & 0x04 else code.co_argcount - (hasattr(function, "__self__"))
     everything = (name, value, message)

@@ -1,4 +1,4 @@
-"""A twin that gets the commands of a robot, beside what the robot does."""
+"""A twin that follows the commands of a robot, for comparison with the robot."""
 
 from __future__ import annotations
 
@@ -18,30 +18,30 @@ STEP = 0.005
 """Timestep of the twin [s]."""
 
 GAP = 0.5
-"""Time without a state after which the twin begins again where the robot is [s]."""
+"""Time without a state after which the twin restarts at the robot's state [s]."""
 
 LIMP = 1e-3
 """Stiffness below which a motor is off."""
 
 
 class Mirror:
-    """A twin that gets the commands of a robot, live or recorded.
+    """A twin that follows the commands of a robot, live or recorded.
 
         mirror = Mirror(robot.pepper)
         for state in robot.states(seconds=10.0):
             mirror.add(state)
         print(mirror.report())
 
-    Between two states the commands go along a line.  The base of the twin, and joints without stiffness,
-    follow what the robot measures.
+    Commands are interpolated linearly between two states.  The base of the twin, and joints without
+    stiffness, follow the robot's measured positions.
 
     Args:
-        pepper: Model of the states' joints.
+        pepper: Model with the states' joints.
 
     Attributes:
-        pepper: The model.
-        restarts: How often the twin was put where the robot is: at the first state, after a gap of more than
-            0.5 s, and where its simulation stopped.
+        pepper: Model of the robot.
+        restarts: Number of times that the twin was set to the robot's state: at the first state, after a
+            gap of more than 0.5 s, and after its simulation stopped.
     """
 
     def __init__(self, pepper: PepperModel) -> None:
@@ -55,19 +55,19 @@ class Mirror:
         self._simulated: list[RobotState] = []
         self._last, self._rate = pepper.neutral(), np.zeros(pepper.n)
         self._reached = 0.0
-        self._follow(STEP, self._last)  # loads machine code before the first state comes
+        self._follow(STEP, self._last)  # loads machine code before the first state
 
     def __len__(self) -> int:
         return len(self._measured)
 
     def add(self, state: RobotState) -> Array:
-        """Let the twin follow to the time of a state; return measured minus simulated, shape (n,).
+        """Simulate the twin up to the time of a state; return measured minus simulated positions, shape (n,).
 
         Args:
-            state: Of the robot, later than the last.
+            state: State of the robot, later than the last one.
 
         Raises:
-            InvalidValueError: for a state of other joints, or one that is not later.
+            InvalidValueError: for a state of other joints, or one that is not later than the last.
         """
         if state.joint_names != self.pepper.joint_names:
             raise InvalidValueError("joints of the state", state.joint_names, str(self.pepper.joint_names))
@@ -92,10 +92,10 @@ class Mirror:
 
     @property
     def difference(self) -> Array:
-        """Measured minus simulated positions in the last state [rad, m or share], shape (n,).
+        """Measured minus simulated positions in the last state [rad, m or fraction], shape (n,).
 
         Raises:
-            InvalidValueError: where there is no state.
+            InvalidValueError: if no state was added.
         """
         if not self._measured:
             raise InvalidValueError("states", 0, "1 or more")
@@ -103,29 +103,29 @@ class Mirror:
 
     @property
     def configuration(self) -> tuple[Array, Array]:
-        """Measured and simulated positions of the last state [rad, m or share], shape (n,) each."""
+        """Measured and simulated positions of the last state [rad, m or fraction], shape (n,) each."""
         return self._measured[-1].q, self._simulated[-1].q
 
     def run(self) -> Run:
-        """Return what was measured beside what was commanded, in steps of 20 ms.
+        """Return the measured and commanded motion as a run, in steps of 20 ms.
 
-        Torques are zero where the robot reports none; those of the twin are in `twin_run`.
+        Torques are zero if the robot reports none; `twin_run` has the twin's torques.
 
         Raises:
-            InvalidValueError: where there are fewer than two states.
+            InvalidValueError: if fewer than two states were added.
         """
         return self._run_of(self._measured)
 
     def twin_run(self) -> Run:
-        """Return what the twin did beside what was commanded, at the times of `run`.
+        """Return the twin's motion and the commands as a run, at the times of `run`.
 
         Raises:
-            InvalidValueError: where there are fewer than two states.
+            InvalidValueError: if fewer than two states were added.
         """
         return self._run_of(self._simulated)
 
     def report(self) -> str:
-        """Return how far the robot was from the twin, joint by joint, the farthest first."""
+        """Return a table of each joint's deviation from the twin, largest first."""
         measured, simulated = self.run(), self.twin_run()
         off = measured.position - simulated.position
         rms, most = np.sqrt(np.mean(off**2, axis=0)), np.abs(off).max(axis=0)
@@ -148,7 +148,7 @@ class Mirror:
         return run_of_states(self.pepper, stamps, states, [state.command for state in states])
 
     def _unwound(self, state: RobotState) -> tuple[Array, Array]:
-        """Return positions and commands whose yaw goes on where the last ended, shape (n,) each."""
+        """Return positions and commands with the yaw continued from the last state, shape (n,) each."""
         q = np.array(state.q)
         if self._measured:
             for k in self._yaw:
@@ -159,23 +159,23 @@ class Mirror:
         return q, np.clip(command, self.pepper.lower_limits, self.pepper.upper_limits)
 
     def _restart(self, time: float, q: Array, command: Array) -> None:
-        """Put the twin at positions, with commands, at a time [s].
+        """Restart the twin at positions, with commands, at a time.
 
         Args:
-            time: Of the state [s].
-            q: Joint positions [rad, m or share], shape (n,).
-            command: Commanded positions [rad, m or share], shape (n,).
+            time: Time of the state [s].
+            q: Joint positions [rad, m or fraction], shape (n,).
+            command: Commanded positions [rad, m or fraction], shape (n,).
         """
         self._twin.reset(np.clip(q, self.pepper.lower_limits, self.pepper.upper_limits))
         self._last, self._rate, self._reached = command, np.zeros(self.pepper.n), time
         self.restarts += 1
 
     def _follow(self, time: float, command: Array) -> bool:
-        """Let the twin follow to commands; return whether its simulation went on.
+        """Simulate the twin up to commands; return whether the simulation goes on.
 
         Args:
-            time: When they hold [s].
-            command: Commanded positions [rad, m or share], shape (n,).
+            time: Time of the commands [s].
+            command: Commanded positions [rad, m or fraction], shape (n,).
         """
         rows = round((time - self._reached) / STEP)
         if rows < 1:
@@ -195,7 +195,7 @@ class Mirror:
 
 
 def states_of_run(run: Run) -> Iterator[RobotState]:
-    """Yield the states of a recorded run, for a `Mirror`: positions as measured, references as commanded."""
+    """Yield a recorded run's states, for a `Mirror`: positions as measured, references as commands."""
     count = len(run.joint_names)
     nothing = np.full(count, np.nan)
     for row, time in enumerate(run.time):

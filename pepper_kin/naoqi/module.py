@@ -26,18 +26,18 @@ if TYPE_CHECKING:
     from pepper_kin.naoqi.broker import Broker
 
 VERSION = "2.5.10"
-"""The version of NAOqi whose methods these are."""
+"""Version of NAOqi whose methods are listed."""
 
 
 @dataclass(frozen=True)
 class MethodSignature:
-    """A method as the robot lists it.
+    """A method in the robot's list.
 
     Attributes:
-        module: "ALMotion".
-        name: "setAngles".
-        parameters: Name and type of each.
-        returns: Type of what it returns.
+        module: Name of the module, "ALMotion".
+        name: Name of the method, "setAngles".
+        parameters: Name and type of each parameter.
+        returns: Type of the returned value.
     """
 
     module: str
@@ -63,19 +63,19 @@ def robot_signatures() -> tuple[MethodSignature, ...]:
 
 
 HELPERS = ("fail", "number", "numbers", "share")
-"""Methods of `Module` that are no methods of the robot, besides those with an underscore."""
+"""Methods of `Module` that the robot does not have, besides names with an underscore."""
 
 
 class Module:
     """A module of NAOqi.
 
     Args:
-        broker: All modules of this robot.
+        broker: The simulated robot with all its modules.
 
     Attributes:
-        name: "ALMotion".
-        not_simulated: Method -> why it is not simulated.
-        kept: What simple methods keep.
+        name: Name of the module, "ALMotion".
+        not_simulated: Method -> reason why it is not simulated.
+        kept: Values that simple methods keep.
     """
 
     name = "ALModule"
@@ -86,7 +86,7 @@ class Module:
         self.kept: dict[tuple[Any, ...], Any] = {}
 
     def __init_subclass__(cls) -> None:
-        """Give a module its simple methods."""
+        """Add the module's simple methods."""
         if "name" in vars(cls):
             _add_simple_methods(cls)
 
@@ -96,7 +96,7 @@ class Module:
         return self.broker.body
 
     def __getattr__(self, name: str) -> Callable[..., Any]:
-        """Return a function that says why a method is not there."""
+        """Return a function that raises NotSimulatedError with the reason, for a method of the robot."""
         if name.startswith("_"):
             raise AttributeError(name)
         why = self.not_simulated.get(name)
@@ -111,10 +111,10 @@ class Module:
 
         return refuse
 
-    # Methods of every module, with the names that the robot gives them.
+    # Methods of every module on the robot.
 
     def pCall(self, method: str, *arguments: Any) -> int:
-        """Call a method beside the caller; return its number for `wait`."""
+        """Call a method asynchronously; return the call's number for `wait`."""
         return self.broker.post(functools.partial(getattr(self, method), *arguments))
 
     def version(self) -> str:
@@ -132,46 +132,46 @@ class Module:
         return sorted({*own, *listed})
 
     def getMethodHelp(self, methodName: str) -> str:
-        """Return what a method does."""
+        """Return the description of a method."""
         method = getattr(self, methodName)
         return inspect.getdoc(method) or ""
 
     def getModuleHelp(self) -> str:
-        """Return what the module does."""
+        """Return the description of the module."""
         return inspect.getdoc(type(self)) or ""
 
     def wait(self, id: int, timeoutPeriod: int = 0) -> bool:
-        """Wait for a call that was posted.
+        """Wait for a posted call.
 
-        Return whether it is still running after the timeout [ms], 0 for none.
+        Return whether it is still running after the timeout [ms]; 0 waits without a limit.
         """
         return self.broker.wait_for(int(id), timeoutPeriod / 1000.0 if timeoutPeriod > 0 else None)
 
     def isRunning(self, id: int) -> bool:
-        """Return whether a call that was posted is running."""
+        """Return whether a posted call is running."""
         return self.broker.is_running(int(id))
 
     def stop(self, id: int) -> None:
-        """Stop a call that was posted."""
+        """Stop a posted call."""
         self.broker.stop_call(int(id))
 
     def getUsage(self, name: str) -> str:
-        """Return how a method is called."""
+        """Return the signatures of a method, or its description if none is listed."""
         known = [str(s) for s in robot_signatures() if s.module == self.name and s.name == name]
         return "\n".join(known) or self.getMethodHelp(name)
 
-    # For the modules.
+    # Helpers of the modules.
 
     def fail(self, method: str, reason: str) -> NaoqiError:
         """Return the error of a method."""
         return NaoqiError(self.name, method, reason)
 
     def _instead(self, _method: str, *arguments: Any) -> Any:
-        """Call another method, named last: what the rows of old names hand over."""
+        """Call the method that the last argument names; rows of old names use this."""
         return getattr(self, arguments[-1])(*arguments[:-1])
 
     def robot_refuses(self, method: str, why: str) -> None:
-        """Refuse where the twin does as the robot.
+        """Refuse a call in the mode "robot".
 
         Raises:
             RefusedByRobotError: in the mode "robot".
@@ -194,7 +194,7 @@ class Module:
         return number
 
     def numbers(self, method: str, quantity: str, value: Any, count: int | None = None) -> list[float]:
-        """Return finite numbers of a list (of a certain length), or of one number for a length of 1."""
+        """Return a list of finite numbers, of a given length if `count`; a single number counts as a list."""
         if isinstance(value, int | float | np.number) and not isinstance(value, bool):
             value = [value]
         if isinstance(value, str | bytes | dict) or not isinstance(value, Iterable):

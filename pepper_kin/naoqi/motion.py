@@ -1,4 +1,4 @@
-"""ALMotion: everything that moves."""
+"""ALMotion: joints, effectors, base and settings."""
 
 from __future__ import annotations
 
@@ -10,6 +10,6 @@ from pepper_kin.naoqi.motion_whole_body import WholeBodyMethods
 
 
 class ALMotion(JointMethods, CartesianMethods, BaseMethods, ConfigurationMethods, WholeBodyMethods):
-    """Joints, effectors, the base, stiffness, tasks and protection."""
+    """Motion of joints, effectors and the base; stiffness, tasks and protection."""
 
     name = "ALMotion"

@@ -1,4 +1,4 @@
-"""ALMotion: the base."""
+"""ALMotion: methods for the base."""
 
 from __future__ import annotations
 
@@ -24,43 +24,43 @@ MOVE_CONFIG = {
     "MaxJerkXY": (None, 0.2, 5.0),
     "MaxJerkTheta": (None, 0.2, 50.0),
 }
-"""Key of a move configuration -> limit of the base, smallest and largest value (the maker's documents)."""
+"""Key of a move configuration -> limit of the base, minimum and maximum (Aldebaran's documents)."""
 
 JERKS = {"MaxJerkXY": 1.0, "MaxJerkTheta": 2.0}
 
 NO_FEET = "Pepper has wheels and no feet"
 
 HALF_STANCE = 0.05
-"""Half of the distance of the feet of NAO, whose steps the base follows [m]."""
+"""Half of the distance between NAO's feet, whose steps the base follows [m]."""
 
 
 class Pose(NamedTuple):
-    """A place in the plane: x, y [m], yaw [rad]."""
+    """A planar pose: x, y [m], yaw [rad]."""
 
     x: float
     y: float
     yaw: float
 
     def moved(self, x: float, y: float, yaw: float) -> Pose:
-        """Return the place that lies at x, y, yaw as seen from this."""
+        """Return this pose composed with x, y, yaw in its own frame."""
         cos, sin = math.cos(self.yaw), math.sin(self.yaw)
         return Pose(self.x + cos * x - sin * y, self.y + sin * x + cos * y, self.yaw + yaw)
 
 
 def middle(left: Pose, right: Pose) -> Pose:
-    """Return the place between two feet."""
+    """Return the mean pose of two feet."""
     return Pose((left.x + right.x) / 2.0, (left.y + right.y) / 2.0, (left.yaw + right.yaw) / 2.0)
 
 
 class BaseMethods(Module):
-    """The methods of ALMotion for the base."""
+    """Methods of ALMotion for the base."""
 
     def move(self, x: float, y: float, theta: float, moveConfig: Any = None) -> None:
-        """Move with a velocity [m/s, m/s, rad/s] until `stopMove`; returns at once."""
+        """Move with a velocity [m/s, m/s, rad/s] until `stopMove`; return at once."""
         self._go("move", (x, y, theta), moveConfig)
 
     def moveToward(self, x: float, y: float, theta: float, moveConfig: Any = None) -> None:
-        """Move with shares (-1 to 1) of the fastest velocity until `stopMove`; returns at once."""
+        """Move with fractions (-1 to 1) of the maximum velocity until `stopMove`; return at once."""
         method = "moveToward"
         shares = [self.number(method, "velocity", value) for value in (x, y, theta)]
         if max(map(abs, shares)) > 1.0:
@@ -70,18 +70,18 @@ class BaseMethods(Module):
         self._go(method, [a * b for a, b in zip(shares, fastest, strict=True)], moveConfig)
 
     def setWalkTargetVelocity(self, x: float, y: float, theta: float, frequency: float, *_: Any) -> None:
-        """Move with shares of the fastest velocity; the frequency of steps has no meaning for wheels."""
+        """Move with fractions of the maximum velocity; the frequency of steps is ignored."""
         self.number("setWalkTargetVelocity", "frequency", frequency)
         self.moveToward(x, y, theta)
 
     def moveTo(self, *arguments: Any) -> bool:
-        """Go to a place in FRAME_ROBOT; blocks.
+        """Move to a pose in FRAME_ROBOT; return when the motion has ended.
 
         Forms: (x, y, theta), with a duration [s], with a configuration, with both; for NAO
-        ([[x, y, theta], ...]), each place as seen from the one before, with a configuration.
+        ([[x, y, theta], ...]), each pose in the frame of the previous one, with a configuration.
 
         Returns:
-            Whether it arrived.
+            Whether the base arrived.
         """
         places, duration, config = self._way("moveTo", arguments)
         self._configure("moveTo", config)
@@ -94,7 +94,7 @@ class BaseMethods(Module):
     walkTo = moveTo
 
     def setFootSteps(self, legName: Any, footSteps: Any, timeList: Any, clearExisting: bool) -> None:
-        """Move the base as far as a walk of NAO would: [x, y, theta] from foot to foot; returns at once."""
+        """Move the base as a walk of NAO would, by steps [x, y, theta] from foot to foot; return at once."""
         method = "setFootSteps"
         times = self.numbers(method, "timeList", timeList)
         self._walk(method, legName, footSteps, times[-1] if times else None)
@@ -102,23 +102,23 @@ class BaseMethods(Module):
     def setFootStepsWithSpeed(
         self, legName: Any, footSteps: Any, fractionMaxSpeed: Any, clearExisting: bool
     ) -> None:
-        """Move the base as far as a walk of NAO would; blocks."""
+        """Move the base as a walk of NAO would; return when the motion has ended."""
         method = "setFootStepsWithSpeed"
         self.numbers(method, "fractionMaxSpeed", fractionMaxSpeed)
         self.body.wait(self._walk(method, legName, footSteps, None))
 
     def getFootSteps(self) -> list[Any]:
-        """Return the steps that are left: none."""
+        """Return the remaining steps, of which there are none."""
         self.robot_refuses("getFootSteps", NO_FEET)
         return [[], [], []]
 
     def getFootGaitConfig(self, config: str) -> list[list[Any]]:
-        """Return the configuration of steps, which a base without feet has none of."""
+        """Return the configuration of steps, which is empty without feet."""
         self.robot_refuses("getFootGaitConfig", NO_FEET)
         return []
 
     def _walk(self, method: str, legs: Any, steps: Any, duration: float | None) -> BodyTask:
-        """Let the base go to the middle of the feet after each of NAO's steps."""
+        """Start a motion of the base to the mean pose of the feet after NAO's last step."""
         self.robot_refuses(method, NO_FEET)
         feet = {"LLeg": Pose(0.0, HALF_STANCE, 0.0), "RLeg": Pose(0.0, -HALF_STANCE, 0.0)}
         places = []
@@ -135,7 +135,7 @@ class BaseMethods(Module):
             return self.body.do(MoveToTask(method, places[-1:], duration=duration))
 
     def waitUntilMoveIsFinished(self) -> None:
-        """Wait until no task moves the base and it stands; a velocity that nobody stops is not waited for."""
+        """Wait until the base has reached its pose and is at rest; return at once while a velocity drives."""
 
         def finished() -> bool:
             moves = self._moves()
@@ -151,14 +151,14 @@ class BaseMethods(Module):
     waitUntilWalkIsFinished = waitUntilMoveIsFinished
 
     def moveIsActive(self) -> bool:
-        """Return whether the base moves or is about to."""
+        """Return whether the base moves or has a task."""
         with self.body.time.lock:
             return bool(self._moves()) or bool(np.abs(self.body.controller.twist).max() > 1e-6)
 
     walkIsActive = moveIsActive
 
     def stopMove(self) -> None:
-        """Brake; blocks until the base stands."""
+        """Brake; return when the base is at rest, after 5 s at most."""
         with self.body.time.lock:
             self.body.tasks.stop(BASE_RESOURCES, self.body)
         self.body.time.wait_until(lambda: bool(np.abs(self.body.controller.twist).max() < 1e-6), 5.0)
@@ -166,7 +166,7 @@ class BaseMethods(Module):
     stopWalk = stopMove
 
     def killMove(self) -> None:
-        """End the tasks of the base, which brakes; returns at once."""
+        """End the tasks of the base, which brakes; return at once."""
         with self.body.time.lock:
             self.body.tasks.stop(BASE_RESOURCES, self.body)
 
@@ -189,7 +189,7 @@ class BaseMethods(Module):
             return [float(x) for x in self.body.base_pose(bool(useSensors))]
 
     def getNextRobotPosition(self) -> list[float]:
-        """Return where the base will stand when it has braked: x, y [m] and yaw [rad]."""
+        """Return the pose of the base after braking: x, y [m] and yaw [rad]."""
         with self.body.time.lock:
             twist, limits = self.body.controller.twist, self.body.controller.base.geometry
             speed = float(np.hypot(twist[0], twist[1])) / limits.linear_acceleration
@@ -207,7 +207,7 @@ class BaseMethods(Module):
         return {"LArm": left, "RArm": right}.get(chainName, left and right)
 
     def setMoveArmsEnabled(self, leftArmEnabled: bool, rightArmEnabled: bool) -> None:
-        """Say whether the arms may move while the base does."""
+        """Set whether the arms may move while the base does."""
         self._arms_while_moving = (bool(leftArmEnabled), bool(rightArmEnabled))
 
     setWalkArmsEnabled = setMoveArmsEnabled
@@ -224,7 +224,7 @@ class BaseMethods(Module):
         return self.body.tasks.using(BASE_RESOURCES)
 
     def stop_velocity(self) -> None:
-        """End a velocity that no call has ended, so that a way to a place can begin."""
+        """End a velocity task, so that a motion to a pose can start."""
         with self.body.time.lock:
             self.body.tasks.kill([t for t in self._moves() if isinstance(t, VelocityTask)], self.body)
 
@@ -236,7 +236,7 @@ class BaseMethods(Module):
             self.body.do(VelocityTask(method, values))
 
     def _way(self, method: str, arguments: tuple[Any, ...]) -> tuple[list[list[float]], float | None, Any]:
-        """Return places, duration and configuration of the forms of `moveTo`."""
+        """Return poses, duration [s] and configuration of the arguments of `moveTo`."""
         if arguments and isinstance(arguments[0], list | tuple):
             first, rest = arguments[0], arguments[1:]
             rows, here, places = [first], Pose(0.0, 0.0, 0.0), []
@@ -259,13 +259,13 @@ class BaseMethods(Module):
         return [place], duration, config
 
     def _configured(self, method: str, config: Any) -> OmniBase:
-        """Return the base with the limits of a move configuration; the defaults where it has none."""
+        """Return the base with the limits of a move configuration, and defaults for the rest."""
         changes = {}
         for row in config or ():
             if not isinstance(row, list | tuple) or len(row) != 2 or row[0] not in MOVE_CONFIG:
                 known = ", ".join(MOVE_CONFIG)
                 if isinstance(row, list | tuple) and len(row) == 2 and isinstance(row[0], str):
-                    continue  # what is for the feet of NAO has no meaning here
+                    continue  # keys for the feet of NAO have no meaning here
                 raise self.fail(method, f"moveConfig: got {quoted(row)}, expected pairs of these: {known}")
             limit, least, most = MOVE_CONFIG[row[0]]
             value = self.number(method, str(row[0]), row[1])

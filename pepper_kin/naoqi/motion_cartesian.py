@@ -1,4 +1,4 @@
-"""ALMotion: effectors in space."""
+"""ALMotion: Cartesian methods for effectors."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ from pepper_kin.naoqi.module import Module
 from pepper_kin.trajectory.key_curve import Key
 
 STEP = 0.1
-"""Longest time between two configurations along a path in space [s]."""
+"""Maximum time between two configurations along a Cartesian path [s]."""
 
 UNUSABLE = "Pepper's documents advise against the Cartesian methods"
 
 
 class CartesianMethods(Module):
-    """The methods of ALMotion for effectors in space."""
+    """Cartesian methods of ALMotion for effectors."""
 
     def getPosition(self, name: str, space: int, useSensorValues: bool) -> list[float]:
-        """Return [x, y, z, wx, wy, wz] of an effector, joint or sensor in a frame [m, rad]."""
+        """Return the pose [x, y, z, wx, wy, wz] of an effector, joint or sensor in a frame [m, rad]."""
         return position6d(self._pose("getPosition", name, space, bool(useSensorValues)))
 
     def getTransform(self, name: str, space: int, useSensorValues: bool) -> list[float]:
@@ -42,7 +42,7 @@ class CartesianMethods(Module):
     def changePosition(
         self, effectorName: str, space: int, positionChange: Any, fractionMaxSpeed: float, axisMask: int
     ) -> None:
-        """Move an effector by a change of position from where it is commanded; returns at once."""
+        """Move an effector by a change of position from its commanded pose; return at once."""
         method = "changePosition"
         change = self.numbers(method, "positionChange", positionChange, 6)
         now = position6d(self._pose(method, effectorName, space, False))
@@ -52,7 +52,7 @@ class CartesianMethods(Module):
     def changeTransform(
         self, chainName: str, space: int, transform: Any, fractionMaxSpeed: float, axisMask: int
     ) -> None:
-        """Move an effector by a transform from where it is commanded; returns at once."""
+        """Move an effector by a transform from its commanded pose; return at once."""
         method = "changeTransform"
         change = as_pose(self._pose_numbers(method, transform))
         now = self._pose(method, chainName, space, False)
@@ -78,6 +78,7 @@ class CartesianMethods(Module):
         return numbers
 
     def _effectors(self, method: str, names: Any) -> list[str]:
+        """Return a list of effectors that can be moved; "Arms" means both arms."""
         found = [names] if isinstance(names, str) else list(names)
         if found == ["Arms"]:
             found = ["LArm", "RArm"]
@@ -88,7 +89,7 @@ class CartesianMethods(Module):
         return found
 
     def _each(self, method: str, quantity: str, value: Any, count: int) -> list[Any]:
-        """Return a value for each effector: a list of as many, or the same for all."""
+        """Return a value for each effector: the list's values, or one value for all effectors."""
         if isinstance(value, Sequence) and not isinstance(value, str):
             if len(value) == 1:
                 return [value[0]] * count
@@ -98,7 +99,7 @@ class CartesianMethods(Module):
         return [value] * count
 
     def _per_effector(self, method: str, quantity: str, value: Any, count: int, depth: int) -> list[Any]:
-        """Return the part of each effector of a value that may be of the only one, unnested."""
+        """Return a value for each effector; the value of a single effector may be unnested."""
         levels, one = 0, value
         while isinstance(one, Sequence) and not isinstance(one, str) and len(one):
             levels, one = levels + 1, one[0]
@@ -136,7 +137,7 @@ class CartesianMethods(Module):
         times: Sequence[Any],
         absolute: bool,
     ) -> None:
-        """Move effectors along paths; angles are found along the lines between the poses."""
+        """Move effectors along the lines between poses, by inverse kinematics; return when done."""
         self.robot_refuses(method, UNUSABLE)
         effectors = self._effectors(method, list(names))
         curves = [
@@ -150,7 +151,7 @@ class CartesianMethods(Module):
     def _knots(
         self, method: str, effector: str, space: Any, path: Any, times: Any, absolute: bool
     ) -> tuple[list[float], list[Array]]:
-        """Return times [s] and poses in the world of a path, from where the effector is commanded now."""
+        """Return times [s] and poses in the world of a path, from the effector's present command."""
         rows = [path] if not _nested(path) else list(path)
         at = self.numbers(method, "times", times)
         if len(at) != len(rows):
@@ -182,8 +183,8 @@ class CartesianMethods(Module):
 
         Args:
             effectors: Names of the effectors.
-            curves: For each, times [s] and poses in the world [m], shape (4, 4) each.
-            masks: For each, its axis mask.
+            curves: Times [s] and poses in the world [m], shape (4, 4) each, of each effector.
+            masks: Axis mask of each effector.
         """
         knots = sorted({t for times, _ in curves for t in times})
         dense: list[float] = []
@@ -244,12 +245,12 @@ def _nested(path: Any) -> bool:
 
 
 def pose_between(times: Sequence[float], poses: Sequence[Array], time: float) -> Array:
-    """Return the pose on the lines between poses at a time, turned about one axis between two of them.
+    """Return the pose at a time, on lines between poses, with rotation about one fixed axis in between.
 
     Args:
-        times: Of the poses, rising [s].
-        poses: In one frame [m], shape (4, 4) each.
-        time: [s]; before the first and after the last these are returned.
+        times: Times of the poses, increasing [s].
+        poses: Poses in one frame [m], shape (4, 4) each.
+        time: Time [s]; the first pose is returned before it, and the last pose after it.
     """
     import pinocchio
 

@@ -16,11 +16,11 @@ from pepper_kin.naoqi.simulated_time import CYCLE
 from pepper_kin.trajectory.key_curve import Key
 
 PEAK = 1.5
-"""Largest speed of a cubic from rest to rest over its mean."""
+"""Ratio of the maximum to the mean speed of a cubic from rest to rest."""
 
 
 class JointMethods(Module):
-    """The methods of ALMotion for stiffness, joints and hands."""
+    """Methods of ALMotion for stiffness, joints and hands."""
 
     def wakeUp(self) -> None:
         """Switch the motors on and go to the posture StandInit."""
@@ -30,7 +30,7 @@ class JointMethods(Module):
         self.go_to_posture("StandInit", 0.5, "wakeUp")
 
     def rest(self, chain: str | None = None) -> None:
-        """Go to the posture Rest and switch the motors off; of a chain alone its motors."""
+        """Go to the posture Rest and switch the motors off; with a chain, only switch its motors off."""
         if chain is not None:
             names = names_of(chain, self.name, "rest", wheels=False)
             self.body.set_stiffness(dict.fromkeys([n for n in names if n not in LEG], 0.0))
@@ -47,7 +47,7 @@ class JointMethods(Module):
         return self.body.awake
 
     def stiffnessInterpolation(self, names: Any, stiffnessLists: Any, timeLists: Any) -> None:
-        """Change the stiffness of joints along lines in time; blocks."""
+        """Change the stiffness of joints along lines in time; return when done."""
         method = "stiffnessInterpolation"
         joints = names_of(names, self.name, method)
         self._check_lower_body(method, joints)
@@ -79,10 +79,10 @@ class JointMethods(Module):
         return [self.body.stiffness[name] for name in names_of(jointName, self.name, "getStiffnesses")]
 
     def angleInterpolation(self, names: Any, angleLists: Any, timeLists: Any, isAbsolute: bool) -> None:
-        """Move joints through angles [rad] at times [s]; blocks.
+        """Move joints through angles [rad] at times [s]; return when done.
 
-        The motion rests at the first and the last angle, is flat where an angle is an extreme, and
-        overshoots none.
+        The motion starts and ends at rest, has zero velocity where an angle is an extremum, and does not
+        overshoot.
         """
         method = "angleInterpolation"
         joints = names_of(names, self.name, method, wheels=False)
@@ -95,7 +95,7 @@ class JointMethods(Module):
         self.body.wait(self.body.do(CurveTask(method, keys, relative=not isAbsolute)))
 
     def angleInterpolationWithSpeed(self, names: Any, targetAngles: Any, maxSpeedFraction: float) -> None:
-        """Move joints to angles [rad], all arriving together, with a share of the fastest speed; blocks."""
+        """Move joints to angles [rad], arriving together, at a fraction of the maximum speed; wait for it."""
         method = "angleInterpolationWithSpeed"
         joints = names_of(names, self.name, method, wheels=False)
         angles = self._targets(method, "targetAngles", targetAngles, joints)
@@ -103,7 +103,7 @@ class JointMethods(Module):
         self.move_together(method, dict(zip(joints, angles, strict=True)), share)
 
     def angleInterpolationBezier(self, jointNames: Any, times: Any, controlPoints: Any) -> None:
-        """Move joints along Bezier curves through keys with handles, as Choregraphe exports them; blocks."""
+        """Move joints along Bezier curves through keys with handles (Choregraphe's export); wait for it."""
         method = "angleInterpolationBezier"
         joints = names_of(jointNames, self.name, method, wheels=False)
         try:
@@ -114,7 +114,7 @@ class JointMethods(Module):
         self.body.wait(self.body.do(CurveTask(method, keys)))
 
     def setAngles(self, names: Any, angles: Any, fractionMaxSpeed: float) -> None:
-        """Move joints towards angles [rad] with a share of the fastest speed; returns at once."""
+        """Move joints towards angles [rad] at a fraction of the maximum speed; return at once."""
         method = "setAngles"
         joints = names_of(names, self.name, method, wheels=False)
         values = self._targets(method, "angles", angles, joints)
@@ -122,7 +122,7 @@ class JointMethods(Module):
         self.body.do(SpeedTask(method, dict(zip(joints, values, strict=True)), share))
 
     def changeAngles(self, names: Any, changes: Any, fractionMaxSpeed: float) -> None:
-        """Move joints by angles [rad] from the commanded ones; returns at once."""
+        """Move joints by changes [rad] from their commanded angles; return at once."""
         method = "changeAngles"
         joints = names_of(names, self.name, method, wheels=False)
         values = self._targets(method, "changes", changes, joints)
@@ -149,13 +149,13 @@ class JointMethods(Module):
     def move_together(
         self, method: str, targets: dict[str, float], share: float, *, protected: bool = True
     ) -> None:
-        """Move joints to angles with a share of the fastest speed, all arriving together; blocks.
+        """Move joints to angles at a fraction of the maximum speed, arriving together; return when done.
 
         Args:
-            method: Method that was called.
-            targets: Joint -> angle [rad or share].
-            share: Of the fastest speed, above 0 and at most 1.
-            protected: Whether arms are kept from what they would touch.
+            method: Name of the called method.
+            targets: Joint -> angle [rad or fraction].
+            share: Fraction of the maximum speed, above 0 and at most 1.
+            protected: Whether the arms are protected from collisions.
         """
         body = self.body
         with body.time.lock:
@@ -172,7 +172,7 @@ class JointMethods(Module):
         body.wait(task)
 
     def go_to_posture(self, posture: str, share: float, method: str) -> None:
-        """Move all joints to a posture of the model, whatever protects the arms; blocks."""
+        """Move all joints to a posture of the model, without protection of the arms; return when done."""
         q = self.body.pepper.posture(posture)
         targets = {name: float(q[k]) for name, k in self.body.index.items()}
         self.move_together(method, targets, share, protected=False)
@@ -184,17 +184,18 @@ class JointMethods(Module):
             self.robot_refuses(method, "the stiffness of Pepper's lower body cannot be changed by itself")
 
     def _targets(self, method: str, quantity: str, value: Any, joints: list[str]) -> list[float]:
+        """Return a target for each joint: one number counts for all, numbers of wheels are dropped."""
         values = self.numbers(method, quantity, value)
         if len(values) == 1 and len(joints) > 1:
             values *= len(joints)
         if len(values) == len(joints) + len(WHEELS):
-            values = values[: len(joints)]  # with the wheels, which hold no position
+            values = values[: len(joints)]  # the values of the wheels, which hold no position, are dropped
         if len(values) != len(joints):
             raise self.fail(method, f"{quantity}: got {len(values)} numbers for {len(joints)} joints")
         return values
 
     def _lists(self, method: str, quantity: str, value: Any, count: int) -> list[list[float]]:
-        """Return a list of numbers for each joint, from all forms that the robot takes."""
+        """Return a list of numbers for each joint, from any form that the robot accepts."""
         if not isinstance(value, Iterable) or isinstance(value, str | bytes | dict):
             return [[self.number(method, quantity, value)] for _ in range(count)]
         rows = list(value)

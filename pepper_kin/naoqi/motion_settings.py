@@ -1,4 +1,4 @@
-"""ALMotion: tasks, configuration, collision protection and breathing."""
+"""ALMotion: methods for tasks, configuration, collision protection and breathing."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ BREATHING_CHAINS = ("Body", "Legs", "Arms", "LArm", "RArm", "Head")
 
 
 class ConfigurationMethods(Module):
-    """The methods of ALMotion for tasks, configuration, collision protection and breathing."""
+    """Methods of ALMotion for tasks, configuration, collision protection and breathing."""
 
     def __init__(self, broker: Any) -> None:
         super().__init__(broker)
@@ -37,7 +37,7 @@ class ConfigurationMethods(Module):
         return names_of(name, self.name, "getJointNames")
 
     def getBodyNames(self, name: str) -> list[str]:
-        """Return the joints of a chain; "Chains" are the names of the chains."""
+        """Return the joints of a chain, or the names of the chains for "Chains"."""
         if name == "Chains":
             return ["Head", "LArm", "Leg", "RArm"]
         return names_of(name, self.name, "getBodyNames")
@@ -68,7 +68,7 @@ class ConfigurationMethods(Module):
         return [[*row] for row in table("motion")["robot_config"]]
 
     def getSummary(self) -> str:
-        """Return a table of stiffness, command and sensor of every joint."""
+        """Return a table of each joint's stiffness, command and sensor, and of the tasks."""
         lines = [
             "---------------------- Model ---------------------------",
             f"{'JointName':>16} {'Stiffness':>10} {'Command':>10} {'Sensor':>10}",
@@ -102,7 +102,7 @@ class ConfigurationMethods(Module):
         return [float(x) for x in inverse[:3, :3] @ point + inverse[:3, 3]]
 
     def _masses(self, method: str, name: str, use_sensors: bool) -> list[tuple[float, Any]]:
-        """Return mass [kg] and place in the world [m] of the bodies that joints of a chain move."""
+        """Return mass [kg] and center of mass in the world [m] of the body of each joint of a chain."""
         model = self.body.pepper.inner_model
         joints = ["HipRoll"] if name == "Torso" else names_of(name, self.name, method, wheels=False)
         q, parts = self.body.configuration(use_sensors), []
@@ -113,9 +113,9 @@ class ConfigurationMethods(Module):
         return parts
 
     def setMotionConfig(self, config: Any) -> None:
-        """Keep pairs of name and value.
+        """Set configuration values by pairs of name and value.
 
-        ENABLE_FOOT_CONTACT_PROTECTION and the like have nothing to act on.
+        The values, as ENABLE_FOOT_CONTACT_PROTECTION, have no effect on the twin.
         """
         for row in config or ():
             if not isinstance(row, list | tuple) or len(row) != 2:
@@ -124,21 +124,21 @@ class ConfigurationMethods(Module):
                 )
             self._config[str(row[0])] = row[1]
 
-    # Tasks and what they book.
+    # Tasks and their resources.
 
     def getTaskList(self) -> list[list[Any]]:
-        """Return [name, number] of the tasks that run or wait."""
+        """Return [name, number] of each running or waiting task."""
         with self.body.time.lock:
             return [[task.name, task.number] for task in self.body.tasks]
 
     def areResourcesAvailable(self, resourceNames: Any) -> bool:
-        """Return whether no task has booked any of these joints."""
+        """Return whether no running task uses any of the joints."""
         names = self._resources("areResourcesAvailable", resourceNames)
         with self.body.time.lock:
             return not self.body.tasks.booked & set(names)
 
     def killTask(self, motionTaskID: int) -> bool:
-        """End a task; return whether there was one with this number."""
+        """End a task; return whether a task with this number existed."""
         with self.body.time.lock:
             task = self.body.tasks.by_number(int(motionTaskID))
             if task is not None:
@@ -146,7 +146,7 @@ class ConfigurationMethods(Module):
             return task is not None
 
     def killTasksUsingResources(self, resourceNames: Any) -> None:
-        """End the tasks that have booked any of these joints, or wait for them."""
+        """End the tasks that use or wait for any of the joints."""
         names = self._resources("killTasksUsingResources", resourceNames)
         with self.body.time.lock:
             self.body.tasks.stop(names, self.body)
@@ -162,18 +162,18 @@ class ConfigurationMethods(Module):
     # Protection.
 
     def setCollisionProtectionEnabled(self, pChainName: str, pEnable: bool) -> bool:
-        """Say whether arms are kept from the body."""
+        """Set whether arms are protected from collisions with the body."""
         for arm in self._arms("setCollisionProtectionEnabled", pChainName):
             self.body.protection.arms[arm].from_body = bool(pEnable)
         return True
 
     def getCollisionProtectionEnabled(self, pChainName: str) -> bool:
-        """Return whether arms are kept from the body."""
+        """Return whether arms are protected from collisions with the body."""
         arms = self._arms("getCollisionProtectionEnabled", pChainName)
         return all(self.body.protection.arms[arm].from_body for arm in arms)
 
     def setExternalCollisionProtectionEnabled(self, pName: str, pEnable: bool) -> None:
-        """Say whether "All", "Move", "Arms", "LArm" or "RArm" is kept from the scene."""
+        """Set whether "All", "Move", "Arms", "LArm" or "RArm" is protected from obstacles."""
         for name in self._protected("setExternalCollisionProtectionEnabled", pName):
             if name == "Move":
                 self.body.move_protected = bool(pEnable)
@@ -181,7 +181,7 @@ class ConfigurationMethods(Module):
                 self.body.protection.arms[name].from_scene = bool(pEnable)
 
     def getExternalCollisionProtectionEnabled(self, pName: str) -> bool:
-        """Return whether "All", "Move", "Arms", "LArm" or "RArm" is kept from the scene."""
+        """Return whether "All", "Move", "Arms", "LArm" or "RArm" is protected from obstacles."""
         arms = self.body.protection.arms
         return all(
             self.body.move_protected if name == "Move" else arms[name].from_scene
@@ -189,7 +189,7 @@ class ConfigurationMethods(Module):
         )
 
     def getChainClosestObstaclePosition(self, pName: str, space: int) -> list[float]:
-        """Return where the scene is nearest to the robot, in a frame [m]."""
+        """Return the point of the scene nearest to the robot, in a frame [m]."""
         method = "getChainClosestObstaclePosition"
         if self.body.scene is None:
             raise self.fail(method, "there is no obstacle")
@@ -228,6 +228,7 @@ class ConfigurationMethods(Module):
         return arms
 
     def _protected(self, method: str, name: Any) -> list[str]:
+        """Return the protected parts, "Move", "LArm" and "RArm", of a name."""
         known = {
             "All": ["Move", "LArm", "RArm"],
             "Move": ["Move"],
@@ -242,7 +243,7 @@ class ConfigurationMethods(Module):
     # Breathing and idling.
 
     def setBreathEnabled(self, pChain: str, pIsEnabled: bool) -> None:
-        """Let a chain breathe while no task moves it."""
+        """Set whether a chain breathes while no task moves it."""
         self._breathing[self._breathing_chain("setBreathEnabled", pChain)] = bool(pIsEnabled)
 
     def getBreathEnabled(self, pChain: str) -> bool:
@@ -250,7 +251,7 @@ class ConfigurationMethods(Module):
         return self._breathing[self._breathing_chain("getBreathEnabled", pChain)]
 
     def setBreathConfig(self, pConfig: Any) -> None:
-        """Set "Bpm" (5 to 30 breaths a minute) and "Amplitude" (0 to 1)."""
+        """Set "Bpm" (breaths a minute, clipped to 5 to 30) and "Amplitude" (clipped to 0 to 1)."""
         method = "setBreathConfig"
         for row in pConfig:
             if not isinstance(row, list | tuple) or len(row) != 2 or row[0] not in self._breath:
@@ -263,7 +264,7 @@ class ConfigurationMethods(Module):
         return [[name, value] for name, value in self._breath.items()]
 
     def setIdlePostureEnabled(self, pChain: str, pIsEnabled: bool) -> None:
-        """Say whether a chain idles in a posture."""
+        """Set whether a chain idles in a posture."""
         self._idle_posture[self._breathing_chain("setIdlePostureEnabled", pChain)] = bool(pIsEnabled)
 
     def getIdlePostureEnabled(self, pChain: str) -> bool:
@@ -278,7 +279,7 @@ class ConfigurationMethods(Module):
         return str(name)
 
     def _breathe(self) -> None:
-        """Move the joints of breathing chains that no task has, once a cycle."""
+        """Move the joints of breathing chains that no task uses; called once a cycle."""
         breath: dict[str, float] = table("motion")["breath"]
         chains = [chain for chain, on in self._breathing.items() if on]
         joints = {j for chain in chains for j in CHAINS[chain] if j in breath}

@@ -1,4 +1,4 @@
-"""ALMotion: the whole body, which the documents advise against on Pepper."""
+"""ALMotion: whole-body methods, which the documents advise against on Pepper."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ WHOLE_BODY = "the documents say that the whole-body methods must not be used on 
 
 
 class WholeBodyMethods(Module):
-    """The methods of ALMotion for the whole body."""
+    """Whole-body methods of ALMotion."""
 
     def __init__(self, broker: Any) -> None:
         super().__init__(broker)
@@ -23,12 +23,12 @@ class WholeBodyMethods(Module):
         self._controlled: set[str] = set()
 
     def wbEnable(self, isEnabled: bool) -> None:
-        """Say whether the whole body keeps its balance."""
+        """Set whether the whole body keeps its balance; without effect on the twin."""
         self.robot_refuses("wbEnable", WHOLE_BODY)
         self._balanced = bool(isEnabled)
 
     def wbFootState(self, stateName: str, supportLeg: str) -> None:
-        """Accept "Fixed", "Plane" or "Free": the base stands on its wheels in any case."""
+        """Accept "Fixed", "Plane" or "Free", without effect: the base stands on its wheels."""
         self.robot_refuses("wbFootState", WHOLE_BODY)
         if stateName not in ("Fixed", "Plane", "Free"):
             raise self.fail(
@@ -36,12 +36,15 @@ class WholeBodyMethods(Module):
             )
 
     def wbEnableBalanceConstraint(self, isEnable: bool, supportLeg: str) -> None:
-        """Say whether the center of mass is kept over the wheels."""
+        """Set whether the center of mass is kept over the wheels; without effect on the twin."""
         self.robot_refuses("wbEnableBalanceConstraint", WHOLE_BODY)
         self._balanced = bool(isEnable)
 
     def wbGoToBalance(self, supportLeg: str, duration: float) -> None:
-        """Bring the center of mass over the middle of the wheels with the hip and the knee; blocks."""
+        """Bring the center of mass over the middle of the wheels by hip and knee; return when done.
+
+        `supportLeg` and `duration` are ignored.
+        """
         method = "wbGoToBalance"
         self.robot_refuses(method, WHOLE_BODY)
         self.number(method, "duration", duration)
@@ -53,13 +56,13 @@ class WholeBodyMethods(Module):
         self.body.wait(self.body.do(SpeedTask(method, targets, 0.3, reactive=False)))
 
     def wbEnableEffectorControl(self, effectorName: str, isEnabled: bool) -> None:
-        """Say whether `wbSetEffectorControl` may move "Head", "LArm" or "RArm"."""
+        """Set whether `wbSetEffectorControl` may move "Head", "LArm" or "RArm"."""
         self.robot_refuses("wbEnableEffectorControl", WHOLE_BODY)
         self._whole_body_effector("wbEnableEffectorControl", effectorName)
         (self._controlled.add if isEnabled else self._controlled.discard)(effectorName)
 
     def wbSetEffectorControl(self, effectorName: str, targetCoordinate: Any) -> None:
-        """Move the head to an orientation [rad], or a hand to a point [m] of FRAME_ROBOT; returns at once."""
+        """Move the head to an orientation [rad], or a hand to a point [m], in FRAME_ROBOT; return at once."""
         method = "wbSetEffectorControl"
         self.robot_refuses(method, WHOLE_BODY)
         self._whole_body_effector(method, effectorName)
@@ -74,7 +77,7 @@ class WholeBodyMethods(Module):
             self.body.do(SpeedTask(method, find_angles(self.body, goal, {}).angles, 0.3))
 
     def wbEnableEffectorOptimization(self, effectorName: str, isActive: bool) -> None:
-        """Accept: the angles found are the nearest in any case."""
+        """Accept the call, without effect."""
         self.robot_refuses("wbEnableEffectorOptimization", WHOLE_BODY)
         self._whole_body_effector("wbEnableEffectorOptimization", effectorName)
 
@@ -89,7 +92,7 @@ class WholeBodyMethods(Module):
         pTimeSinceDetectionMs: int,
         pUseOfWholeBody: bool,
     ) -> None:
-        """Turn the head by angles towards something that was seen [rad]; returns at once."""
+        """Turn the head by angles [rad] towards a detected target; return at once."""
         method = "updateTrackerTarget"
         pitch = self.number(method, "pTargetPositionWy", pTargetPositionWy)
         yaw = self.number(method, "pTargetPositionWz", pTargetPositionWz)

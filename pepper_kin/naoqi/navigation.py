@@ -1,4 +1,4 @@
-"""ALNavigation and ALLocalization: ways around obstacles, and where the robot is."""
+"""ALNavigation and ALLocalization: motion around obstacles, and the pose of the robot."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from pepper_kin.naoqi.module import Module
 from pepper_kin.naoqi.motion_base import Pose
 
 FARTHEST = 3.0
-"""The farthest that `navigateTo` goes [m] (the maker's documents)."""
+"""Maximum distance of a target of `navigateTo` [m] (Aldebaran's documents)."""
 
 ARC = 0.2
-"""The longest part of a circle that is gone as a line [rad]."""
+"""Maximum angle of an arc that is approximated by a line [rad]."""
 
 NO_MAP = "the twin keeps no map; its place is known"
 
 
 class ALNavigation(Module):
-    """Going to places around the obstacles of the scene."""
+    """Motion of the base to poses, around the obstacles of the scene."""
 
     name = "ALNavigation"
     not_simulated = dict.fromkeys(
@@ -37,7 +37,7 @@ class ALNavigation(Module):
     )  # fmt: skip
 
     def navigateTo(self, x: float, y: float, *arguments: Any) -> bool:
-        """Go to a place in FRAME_ROBOT within 3 m, around obstacles; blocks; return whether it arrived."""
+        """Move to a pose in FRAME_ROBOT, within 3 m, around obstacles; return whether the base arrived."""
         method = "navigateTo"
         place = [self.number(method, "x", x), self.number(method, "y", y)]
         theta = (
@@ -50,18 +50,18 @@ class ALNavigation(Module):
         return self._go(Pose(*self.body.base_pose(False)).moved(place[0], place[1], theta))
 
     def navigateToInMap(self, target: Any) -> bool:
-        """Go to a place in the world, around obstacles; blocks; return whether it arrived."""
+        """Move to a pose in the world, around obstacles; return whether the base arrived."""
         x, y, *theta = self.numbers("navigateToInMap", "target", target)
         return self._go([x, y, theta[0] if theta else float(self.body.base_pose(False)[2])])
 
     def moveAlong(self, trajectory: Any) -> bool:
-        """Go along a trajectory of "Holonomic" parts with "Line" or "Circle" paths; blocks."""
+        """Move along "Holonomic" parts with "Line" or "Circle" paths; return whether the base arrived."""
         places = self._places("moveAlong", trajectory)
         self.broker.motion.stop_velocity()
         return self._arrived(MoveToTask("moveAlong", places))
 
     def findFreeZone(self, desiredRadius: float, maximumDisplacement: float) -> list[Any]:
-        """Return [0, radius, [x, y]] [m] of the free zone around where the robot is; 1 if it is smaller."""
+        """Return [0, radius, [x, y]] [m] of the free zone around the robot; 1 if it is below the desired."""
         desired = self.number("findFreeZone", "desiredRadius", desiredRadius)
         x, y, _ = self.body.base_pose(True)
         nearest = self.body.nearest_obstacle(desired)
@@ -75,7 +75,7 @@ class ALNavigation(Module):
         self.broker.motion.stopMove()
 
     def relocalizeInMap(self, estimation: Any) -> list[Any]:
-        """Return [0, [pose, uncertainty]]."""
+        """Return [0, [pose, uncertainty]] of the base; the estimation is ignored."""
         return [0, [self.getRobotPositionInMap()[0], [0.0, 0.0, 0.0]]]
 
     def getRobotPositionInMap(self) -> list[list[float]]:
@@ -83,7 +83,7 @@ class ALNavigation(Module):
         return [[float(v) for v in self.body.base_pose(True)], [0.0, 0.0, 0.0]]
 
     def _go(self, goal: Sequence[float]) -> bool:
-        """Go to a place of the world; where something stands in the way, along a planned path."""
+        """Move to a pose in the world, in a scene along a planned path; return whether the base arrived."""
         self.broker.motion.stop_velocity()
         places = [np.asarray(goal)]
         if self.body.scene is not None:
@@ -91,19 +91,19 @@ class ALNavigation(Module):
             if path is None:
                 return False
             places = path
-        protected, self.body.move_protected = self.body.move_protected, False  # the way is planned
+        protected, self.body.move_protected = self.body.move_protected, False  # the path avoids obstacles
         try:
             return self._arrived(MoveToTask("navigateTo", places, world=True))
         finally:
             self.body.move_protected = protected
 
     def _arrived(self, task: MoveToTask) -> bool:
-        """Let the base go, blocking; return whether it arrived."""
+        """Run a task of the base to its end; return whether it arrived."""
         self.body.wait(self.body.do(task))
         return not task.error and not task.killed
 
     def _path(self, goal: Sequence[float]) -> list[Any] | None:
-        """Return places on a path of the base around the obstacles, or None where none was found."""
+        """Return the poses of a path of the base around the obstacles, or None if none was found."""
         pepper = load_pepper(base="planar")
         posture = {
             name: self.body.commanded(name) for name in pepper.joint_names if not name.startswith("Base")
@@ -118,6 +118,7 @@ class ALNavigation(Module):
         return [row[:3] for row in found.path[1:]] if found.path is not None else None
 
     def _places(self, method: str, trajectory: Any) -> list[list[float]]:
+        """Return the poses of a trajectory's parts, in the frame of its start."""
         if not isinstance(trajectory, list | tuple) or not trajectory:
             raise self.fail(method, f"trajectory: got {quoted(trajectory)}, expected a list")
         if trajectory[0] == "Composed":
@@ -143,7 +144,7 @@ class ALNavigation(Module):
 
 
 class ALLocalization(Module):
-    """Where the robot is, and its home."""
+    """The pose of the robot relative to its home."""
 
     name = "ALLocalization"
     not_simulated = dict.fromkeys(("learnHomeFromPanorama", "getPanorama", "getLandmarks"), NO_MAP)
@@ -154,12 +155,12 @@ class ALLocalization(Module):
         self._learnt = False
 
     def learnHome(self) -> int:
-        """Keep the present place as home; return 0."""
+        """Set the present pose as home; return 0."""
         self._home, self._learnt = self.body.base_pose(True), True
         return 0
 
     def isDataAvailable(self) -> bool:
-        """Return whether a home was learnt."""
+        """Return whether a home was set."""
         return self._learnt
 
     def isInCurrentHome(self) -> list[Any]:
@@ -167,11 +168,11 @@ class ALLocalization(Module):
         return [0, bool(np.hypot(*(self.body.base_pose(True) - self._home)[:2]) < 0.5)]
 
     def goToHome(self) -> int:
-        """Go home; blocks; return 0, or 1 where it did not arrive."""
+        """Move to the home; return 0, or 1 if the base did not arrive."""
         return self.goToPosition([0.0, 0.0, 0.0])
 
     def goToPosition(self, position: Any) -> int:
-        """Go to a place relative to home; blocks; return 0, or 1 where it did not arrive."""
+        """Move to a pose relative to home; return 0, or 1 if the base did not arrive."""
         x, y, *theta = self.numbers("goToPosition", "position", position)
         goal = Pose(*self._home).moved(x, y, theta[0] if theta else 0.0)
         return 0 if self.broker.module("ALNavigation").navigateToInMap(goal) else 1
@@ -192,7 +193,7 @@ class ALLocalization(Module):
         self.broker.motion.stopMove()
 
     def clear(self, *_: Any) -> int:
-        """Forget the home; return 0."""
+        """Remove the home; return 0."""
         self._home, self._learnt = np.zeros(3), False
         return 0
 

@@ -1,12 +1,12 @@
 # -*- coding: utf-8 -*-
-"""A watchdog beside ALMotion: commands of clients pass through it, and it stops the robot.
+"""A watchdog in front of ALMotion, which forwards commands of clients and stops the robot.
 
-It stops what a client moves when that falls silent, or is asked to, and holds it until it is measured at
-rest.  Commands carry the number of a motion (a token): those that arrive after its end are dropped, however
-late.
+It stops a client's motion if the client's heartbeats are missing or it is asked to, and holds the joints and
+the base until they are measured at rest.  Commands carry the number of a motion (a token): a command that
+arrives after the end of its motion is dropped.
 
-The simulated robot has it as a module.  A real one gets it by copying this file, which Python 2.7 and 3 run
-without anything besides NAOqi's own package `qi`:
+The simulated robot has the watchdog as a module.  For a real robot, copy this file, which needs Python 2.7 or
+3 and no package but NAOqi's own `qi`:
 
     python on_robot.py [--url tcp://127.0.0.1:9559]
 """
@@ -27,40 +27,40 @@ NAME = "MotionWatchdog"
 """Name of the service."""
 
 PROTOCOL = 2
-"""Version of its methods."""
+"""Version of the service's methods."""
 
 PERIOD = 0.02
-"""Time between two looks [s]."""
+"""Time between two polls [s]."""
 
 HOLD = 0.3
-"""Share of the fastest speed with which joints return to where they were stopped."""
+"""Fraction of the maximum speed with which joints return to the position where they were stopped."""
 
 REST_TIME, REST, BASE_REST = 0.2, 2e-3, 1e-3
-"""At rest measured positions differ by less [rad; m, rad of the base] within this time [s]."""
+"""Time window [s], and change of joints [rad] and base [m, rad] within it below which they are at rest."""
 
 BRAKING = 0.3
-"""Time in which joints brake; afterwards they are held where they were then [s]."""
+"""Time in which joints brake; the command at its end is held afterwards [s]."""
 
 LONGEST = 10.0
-"""The longest time in which what still moves is held [s]; calls under way are waited for however long."""
+"""Maximum time of holding a motion that does not come to rest [s], after the end of its last call."""
 
 BRAKE_EVERY, MOST_BRAKES = 0.1, 60
-"""Time between two calls of `stopMove` [s], which may block, and how many may be under way."""
+"""Time between two calls of `stopMove` [s], which may block, and maximum number of running calls."""
 
 LATEST = 100
-"""Motions whose end is remembered."""
+"""Number of ended motions whose state is kept."""
 
 QUICK = ("setAngles", "move")
-"""Methods of ALMotion that clients may call and that return at once."""
+"""Methods of ALMotion for `command`, which return at once."""
 
 LASTING = ("angleInterpolationBezier", "moveTo")
-"""Those that last as long as the motion."""
+"""Methods of ALMotion for `start`, which last as long as the motion."""
 
 now = getattr(time, "monotonic", time.time)
 
 
 def in_thread(function):  # type: (Any) -> None
-    """Call a function in a thread."""
+    """Run a function in a daemon thread."""
     thread = threading.Thread(target=function)
     thread.daemon = True
     thread.start()
@@ -69,7 +69,7 @@ def in_thread(function):  # type: (Any) -> None
 class _Motion(object):
     """A motion of a client.
 
-    Attributes are: state, "armed", "running", "finished: VALUE", "failed: ERROR", and after its end
+    The attribute `state` is "armed", "running", "finished: VALUE" or "failed: ERROR", and after the end
     "stopping: WHY", "at rest: WHY", "not at rest: WHY" or "released".
     """
 
@@ -83,13 +83,13 @@ class _Motion(object):
 
 
 class MotionWatchdog(object):
-    """Passes commands on while their motion is watched; stops joints and base otherwise.
+    """Service that forwards commands of watched motions, and stops joints and base otherwise.
 
     Args:
-        motion: The ALMotion of the robot, or a proxy of it.
+        motion: ALMotion of the robot, or a proxy.
         clock: Returns the time [s].
-        spawn: Calls a function beside the caller.
-        watch: Whether a thread looks by itself; otherwise `look` is called.
+        spawn: Runs a function asynchronously.
+        watch: Whether a thread calls `look`; otherwise the caller does.
     """
 
     def __init__(self, motion, clock=now, spawn=in_thread, watch=True):  # type: (Any, Any, Any, bool) -> None
@@ -99,21 +99,21 @@ class MotionWatchdog(object):
         self._armed = {}  # type: dict[int, _Motion]
         self._stopping = {}  # type: dict[int, _Motion]
         self._ended = {}  # type: dict[int, str]
-        self._number = random.randrange(1, 1000000) * 1000  # not one of a watchdog that ran before
+        self._number = random.randrange(1, 1000000) * 1000  # unlike the tokens of an earlier watchdog
         self._thread = False
         self._said = ""
 
     def protocol(self):  # type: () -> int
-        """Return the version of these methods."""
+        """Return the version of the methods."""
         return PROTOCOL
 
     def arm(self, seconds, joints, base):  # type: (float, Any, Any) -> int
         """Watch a motion from now on; return its token.
 
         Args:
-            seconds: The longest silence of its client [s], 0.05 to 10.
-            joints: Names of the joints that it moves; no other watched motion may move them.
-            base: Whether it moves the base.
+            seconds: Maximum time without a heartbeat of the client [s], 0.05 to 10.
+            joints: Names of the joints that the motion moves; no other watched motion may move them.
+            base: Whether the motion moves the base.
         """
         limit = float(seconds)
         if not 0.05 <= limit <= 10.0:
@@ -132,12 +132,12 @@ class MotionWatchdog(object):
             return self._number
 
     def command(self, token, number, calls):  # type: (int, int, Any) -> str
-        """Pass quick calls on to ALMotion; return the motion's state.
+        """Forward quick calls to ALMotion; return the motion's state.
 
         Args:
-            token: Of the motion; without effect once it has ended.
-            number: Rises from command to command; those that come after a later one are dropped.
-            calls: Pairs of a method, "setAngles" or "move", and its arguments.
+            token: Token of the motion; the command has no effect once the motion has ended.
+            number: Increases from command to command; a command that arrives after a later one is dropped.
+            calls: Pairs of a method's name, "setAngles" or "move", and its arguments.
         """
         with self._lock:
             motion = self._taken(token, number)
@@ -154,7 +154,7 @@ class MotionWatchdog(object):
         return self.status(token)
 
     def add(self, token, number, part):  # type: (int, int, Any) -> str
-        """Keep a part of the arguments of `start`, times and keys by joint; return the motion's state."""
+        """Store a part of the times and keys, by joint, for `start`; return the motion's state."""
         with self._lock:
             motion = self._taken(token, number)
             if motion is not None:
@@ -162,13 +162,13 @@ class MotionWatchdog(object):
             return self.status(token)
 
     def start(self, token, number, method, arguments):  # type: (int, int, str, Any) -> str
-        """Begin a call of ALMotion that lasts; return the motion's state.
+        """Start a long call of ALMotion; return the motion's state.
 
         Args:
-            token: As in `command`.
-            number: As in `command`.
-            method: "moveTo" or "angleInterpolationBezier", whose times and keys are the parts.
-            arguments: Of the method, before those.
+            token: Token of the motion.
+            number: Increases from command to command.
+            method: "moveTo" or "angleInterpolationBezier", with the times and keys of `add`.
+            arguments: Arguments of the method, before the times and keys.
         """
         if method not in LASTING:
             raise ValueError("method: got {0}, expected one of {1}".format(method, ", ".join(LASTING)))
@@ -196,7 +196,7 @@ class MotionWatchdog(object):
         return self.status(token)
 
     def beat(self, token):  # type: (int) -> str
-        """Say that a client is there; return the motion's state."""
+        """Record a heartbeat of the client; return the motion's state."""
         with self._lock:
             motion = self._armed.get(int(token))
             if motion is not None:
@@ -204,16 +204,16 @@ class MotionWatchdog(object):
             return self.status(token)
 
     def release(self, token):  # type: (int) -> str
-        """Watch a motion no longer that has come to its end; return its state."""
+        """Stop watching a complete motion; return its state."""
         with self._lock:
             if self._armed.pop(int(token), None) is not None:
                 self._remember(int(token), "released")
             return self.status(token)
 
     def halt(self, token, why):  # type: (int, str) -> str
-        """End a motion, or all of them (0), and hold the robot until it is at rest; return the state.
+        """End a motion, or all motions (token 0), and hold the robot until it is at rest; return the state.
 
-        With 0 all joints and the base are held, whoever moves them.
+        With token 0 all joints and the base are held, and the returned text is the token of that hold.
         """
         with self._lock:
             if int(token):
@@ -233,7 +233,7 @@ class MotionWatchdog(object):
             return "{0}".format(self._number)
 
     def status(self, token):  # type: (int) -> str
-        """Return the state of a motion; "unknown" for none."""
+        """Return the state of a motion; "unknown" for an unknown token."""
         with self._lock:
             token = int(token)
             if token in self._armed:
@@ -243,7 +243,7 @@ class MotionWatchdog(object):
             return self._ended.get(token, "unknown")
 
     def look(self):  # type: () -> bool
-        """Stop silent clients' motions, and hold what is being stopped; return whether more is to come."""
+        """End motions without heartbeats, and hold the stopping ones; return whether any motion is left."""
         with self._lock:
             at = self._clock()
             for token, motion in list(self._armed.items()):
@@ -253,7 +253,7 @@ class MotionWatchdog(object):
         for token, motion in stopping:
             try:
                 self._hold(token, motion)
-            except Exception as error:  # the next look tries again
+            except Exception as error:  # the next poll tries again
                 if str(error) != self._said:
                     self._said = str(error)
                     print("{0}: {1}".format(NAME, error))
@@ -261,7 +261,7 @@ class MotionWatchdog(object):
             return bool(self._armed or self._stopping)
 
     def _taken(self, token, number):  # type: (int, int) -> Any
-        """Return the motion of a command that is neither late nor doubled, or None; it counts as a beat."""
+        """Return the motion of a command, which counts as a heartbeat; None if it is late or repeated."""
         motion = self._armed.get(int(token))
         if motion is None or int(number) <= motion.last:
             return None
@@ -286,7 +286,7 @@ class MotionWatchdog(object):
             del self._ended[old]
 
     def _hold(self, token, motion):  # type: (int, _Motion) -> None
-        """Hold a motion's joints and base, and note whether they are at rest."""
+        """Hold a motion's joints and base; end it once they are at rest, or after LONGEST."""
         at = self._clock()
         if motion.joints:
             target = motion.target if at > motion.stopped + BRAKING else None
@@ -296,7 +296,7 @@ class MotionWatchdog(object):
             self._spawn(lambda: self._brake(motion))
         measured = list(self._motion.getAngles(motion.joints, True)) if motion.joints else []
         measured += list(self._motion.getRobotPosition(True)) if motion.base else []
-        since = max(at - REST_TIME - 2 * PERIOD, motion.since)  # what a call moves is seen after its end only
+        since = max(at - REST_TIME - 2 * PERIOD, motion.since)  # no measurement from before the end of a call
         motion.measured = [row for row in motion.measured if row[0] >= since] + [(at, measured)]
         resting = motion.measured[-1][0] - motion.measured[0][0] >= REST_TIME and still(
             [row for _, row in motion.measured], len(motion.joints)
@@ -330,7 +330,7 @@ class MotionWatchdog(object):
 
 
 def still(rows, joints):  # type: (Any, int) -> bool
-    """Return whether positions of joints, then of the base, differ by no more than at rest; NaN does."""
+    """Return whether positions of joints, then of the base, are at rest; NaN counts as moving."""
     return all(
         all(value == value for value in column)
         and max(column) - min(column) <= (REST if k < joints else BASE_REST)
@@ -339,7 +339,7 @@ def still(rows, joints):  # type: (Any, int) -> bool
 
 
 def hold_joints(motion, joints, target=None):  # type: (Any, Any, Any) -> Any
-    """End what moves joints, and keep them at a target, or where they are commanded now; return where."""
+    """End the tasks of joints, and hold a target, or the present command if None; return the target."""
     motion.killTasksUsingResources(joints)
     angles = motion.getAngles(joints, False) if target is None else target
     motion.setAngles(joints, angles, HOLD)

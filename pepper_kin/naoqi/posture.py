@@ -9,25 +9,25 @@ from pepper_kin.naoqi.joint_names import HANDS
 from pepper_kin.naoqi.module import Module
 
 POSTURES = ("Stand", "StandInit", "StandZero", "Crouch", "Rest")
-"""Postures of NAOqi, which the model has under the same names."""
+"""Postures of NAOqi, which have the same names in the model."""
 
 OF_NAO = ("LyingBack", "LyingBelly", "Sit", "SitRelax")
-"""Postures that NAO takes and Pepper cannot."""
+"""Postures that only NAO can take."""
 
 NEAR = 0.12
-"""The largest difference of a joint from the posture that the body counts as being in [rad]."""
+"""Largest deviation of a joint at which a posture counts as reached [rad]."""
 
 ARRIVAL = 1.0
-"""Joints come after their commands by at most this [s]."""
+"""Maximum time for the joints to arrive after their commands [s]."""
 
 
 class ALRobotPosture(Module):
-    """Postures: where the body is, and how it gets into another."""
+    """Postures: the present one, and motions to others."""
 
     name = "ALRobotPosture"
 
     def goToPosture(self, postureName: str, maxSpeedFraction: float) -> bool:
-        """Go to a posture with a share of the fastest speed; blocks; return whether it was reached."""
+        """Go to a posture at a fraction of the maximum speed; return whether it was reached."""
         share = self.share("goToPosture", "maxSpeedFraction", maxSpeedFraction)
         posture = self._posture("goToPosture", postureName)
         if posture is None:
@@ -59,7 +59,7 @@ class ALRobotPosture(Module):
         return found
 
     def _difference(self, posture: str) -> float:
-        """Return the largest difference of a joint from a posture [rad]."""
+        """Return the largest deviation of a joint from a posture [rad]; hands do not count."""
         q, k = self.body.pepper.posture(posture), self.body.index
         places = [k[name] for name in k if name not in HANDS]
         return float(np.abs(self.body.state.position[places] - q[places]).max())

@@ -1,8 +1,8 @@
-"""Programs in Python 2: translated as they are imported, with the names and the strings that they know.
+"""Programs in Python 2: translation on import, with Python 2's built-in names and strings.
 
-`lib2to3` (or `fissix`) translates the syntax.  What it leaves is done here: whole numbers divide to whole
-numbers, text and bytes are one kind of string as far as programs for robots use that, and modules of the
-standard library have their old names.
+`lib2to3` (or `fissix`) translates the syntax.  This module adds what remains: integer division, text and
+bytes as one kind of string, as far as programs for robots use that, and the old names of the standard
+library's modules.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ OLD_MODULES = {
     "urlparse": ("urllib.parse",),
     "xmlrpclib": ("xmlrpc.client",),
 }
-"""Old name of a module -> those that have its contents."""
+"""Old name of a module -> modules with its contents."""
 
 _OLD_NAMES = {"xrange", "raw_input", "unicode", "basestring", "long", "unichr", "execfile", "reduce", "cmp"}
 _OLD_METHODS = {"has_key", "iteritems", "itervalues", "iterkeys"}
@@ -67,13 +67,13 @@ _TRUE_DIVISION = re.compile(r"^\s*from\s+__future__\s+import\s[^\n]*\bdivision\b
 
 
 def program(path: Path) -> tuple[types.CodeType, bool]:
-    """Return the code of a script or of a module that it imports, and whether it is in Python 2.
+    """Return the code of a script or a module, and whether it is in Python 2.
 
-    A text that Python 3 can read is taken for Python 2 where it imports modules or uses names that only
-    Python 2 has, `naoqi` among them.
+    A text that Python 3 can read counts as Python 2 if it imports modules or uses names that only
+    Python 2 has, including `naoqi`.
 
     Raises:
-        FileFormatError: naming the line, for a text that is neither.
+        FileFormatError: for a text in neither language; the error names the line.
     """
     text = read_bytes(path).decode("utf-8", errors="replace")
     tree, old = _tree(path, text, None)
@@ -81,7 +81,7 @@ def program(path: Path) -> tuple[types.CodeType, bool]:
 
 
 def old_program(path: Path, text: str, line: int) -> types.CodeType:
-    """Return the code of a program in Python 2 that stands in a file from a line on; see `program`."""
+    """Return the code of a Python 2 program that starts at a line of a file."""
     try:
         tree = copy.deepcopy(_old_tree(text))
     except FileFormatError as error:
@@ -102,6 +102,7 @@ def _old_tree(text: str) -> ast.Module:
 
 
 def _tree(path: Path, text: str, old: bool | None) -> tuple[ast.Module, bool]:
+    """Parse a text as Python 3 or, if `old` or needed, as Python 2; return the tree and whether it is old."""
     text = text.replace("\r\n", "\n").replace("\r", "\n")
     source = _RESERVED.sub(".async_", _ASYNC_ARGUMENT.sub("_async=", text))
     try:
@@ -127,6 +128,7 @@ def _tree(path: Path, text: str, old: bool | None) -> tuple[ast.Module, bool]:
 
 
 def _is_old(tree: ast.AST) -> bool:
+    """Return whether a tree imports modules or uses names that only Python 2 has."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Import) and any(one.name in (*OLD_MODULES, "naoqi") for one in node.names):
             return True
@@ -140,7 +142,7 @@ def _is_old(tree: ast.AST) -> bool:
 
 
 def _translated(path: Path, source: str, first: SyntaxError | None) -> str:
-    """Return a text in Python 2 as Python 3, by the translator that comes with Python (or `fissix`)."""
+    """Translate a text from Python 2 to Python 3, by Python's own translator or `fissix`."""
     package = next((name for name in ("lib2to3", "fissix") if find_spec(name) is not None), None)
     if package is None:
         reason = "is written in Python 2; translating it needs: pip install fissix"
@@ -151,7 +153,7 @@ def _translated(path: Path, source: str, first: SyntaxError | None) -> str:
         ast.parse(text, str(path))
     except Exception as error:
         line, said = first.lineno if first is not None else None, first.msg if first is not None else error
-        context = getattr(error, "context", None)  # of the translator's parser, which reads Python 2
+        context = getattr(error, "context", None)  # set by the translator's parser, which reads Python 2
         if context:
             line, said = context[1][0], "invalid syntax"
         raise FileFormatError(path, f"is neither Python 3 nor Python 2: {said}", line) from error
@@ -166,7 +168,7 @@ def _translator(package: str) -> Any:
 
 
 class _Interruptible(ast.NodeTransformer):
-    """Lets `except:` catch one interrupt only, or loops around it have no end."""
+    """Transform `except:` to catch one interrupt only; otherwise loops around it would not end."""
 
     def visit_ExceptHandler(self, node: ast.ExceptHandler) -> ast.AST:
         self.generic_visit(node)
@@ -176,10 +178,10 @@ class _Interruptible(ast.NodeTransformer):
 
 
 class _OldMeaning(_Interruptible):
-    """Lets operations mean what they meant.
+    """Transform operations to their meaning in Python 2.
 
     Args:
-        whole: Whether whole numbers divide to whole numbers.
+        whole: Whether the division of integers yields an integer.
     """
 
     def __init__(self, whole: bool) -> None:
@@ -219,7 +221,7 @@ class _OldMeaning(_Interruptible):
             node.func.id = "__str__"
         if not isinstance(node.func, ast.Attribute):
             return node
-        if node.func.attr in ("load", "loads"):  # of json, whose texts have one encoding now
+        if node.func.attr in ("load", "loads"):  # of json, which has lost this parameter
             node.keywords = [one for one in node.keywords if one.arg != "encoding"]
         if node.func.attr not in _OF_STRINGS:
             return node
@@ -236,7 +238,7 @@ def _divided(a: Any, b: Any) -> Any:
 
 
 def _of_string(value: Any, method: str, *arguments: Any, **named: Any) -> Any:
-    """Call a method of strings, whose two kinds were one; of pictures and arrays those that replaced it."""
+    """Call a method of Python 2's strings, or the renamed method of a picture or an array."""
     if method in ("encode", "decode") and isinstance(value, str):
         codec = str(arguments[0] if arguments else named.get("encoding", "ascii"))
         if codec.replace("-", "_").lower() in ("hex", "hex_codec", "base64", "rot13", "string_escape"):
@@ -244,7 +246,7 @@ def _of_string(value: Any, method: str, *arguments: Any, **named: Any) -> Any:
             return coded.decode("latin-1") if isinstance(coded, bytes) else coded
         return value
     if method.startswith("from"):
-        module = hasattr(value, "frombuffer")  # of pictures, after mode and size, or of arrays
+        module = hasattr(value, "frombuffer")  # PIL.Image, with the bytes after mode and size, or numpy
         place = 2 if module and not hasattr(value, "ndarray") else 0
         arguments = tuple(
             one.encode("latin-1") if k == place and isinstance(one, str) and not named.get("sep") else one
@@ -263,17 +265,17 @@ def _str(value: Any) -> str:
 
 
 def _import_all(name: str, space: dict[str, Any]) -> None:
-    """Import all names of a module, in a function."""
+    """Import all names of a module into a namespace; Python 3 forbids `import *` in functions."""
     exec(f"from {name} import *", space)
 
 
 def _next(it: Any, *default: Any) -> Any:
-    """Return the next of an iterator; the translator makes that of every call of a method `next`."""
+    """Return the next item of an iterator; the translator replaces every `x.next()` by `next(x)`."""
     return it.next() if hasattr(it, "next") and not hasattr(it, "__next__") else builtins.next(it, *default)
 
 
 def _ord(character: Any) -> int:
-    return character if isinstance(character, int) else builtins.ord(character)  # of bytes, which are numbers
+    return character if isinstance(character, int) else builtins.ord(character)  # items of bytes are integers
 
 
 def _round(number: float, digits: int = 0) -> float:
@@ -282,19 +284,19 @@ def _round(number: float, digits: int = 0) -> float:
 
 
 def run(path: Path, space: dict[str, Any], reads: Callable[..., str]) -> None:
-    """Run a program in a space of names; see `program`.
+    """Run a program in a namespace.
 
     Args:
-        path: Its file.
-        space: Receives what it defines.
-        reads: What reads a line that somebody types.
+        path: File of the program.
+        space: Namespace that receives the program's definitions.
+        reads: Function that reads a typed line.
     """
     code, old = program(path)
     begin(code, old, space, reads)
 
 
 def begin(code: types.CodeType, old: bool, space: dict[str, Any], reads: Callable[..., str]) -> None:
-    """Run the code of a program with the built-in names that it knows; see `run`."""
+    """Run the code of a program with the built-in names of its version of Python."""
     names = vars(builtins) | {
         "basestring": str, "input": reads, "long": int, "raw_input": reads, "unicode": str, "xrange": range,
     }  # fmt: skip
@@ -308,7 +310,7 @@ def begin(code: types.CodeType, old: bool, space: dict[str, Any], reads: Callabl
         try:
             return eval(text, sys._getframe(1).f_globals)
         except (SyntaxError, NameError):
-            return text  # as programs for both versions expect it
+            return text  # as programs for both versions expect
 
     if old:
         names |= _OLD_BUILTINS | {"execfile": execfile, "input": evaluated}
@@ -344,11 +346,11 @@ _OLD_BUILTINS: dict[str, Any] = {
 
 
 class ScriptImports(MetaPathFinder, Loader):
-    """Finds the modules beside a script, translated, and those of the standard library by their old names.
+    """Finder of the modules in a script's folder, translated, and of the standard library by old names.
 
     Args:
-        folder: Where the script lies.
-        reads: What reads a line that somebody types.
+        folder: Folder of the script.
+        reads: Function that reads a typed line.
     """
 
     def __init__(self, folder: Path, reads: Callable[..., str]) -> None:
@@ -356,7 +358,7 @@ class ScriptImports(MetaPathFinder, Loader):
         self.loaded: list[str] = []
 
     def find_spec(self, name: str, path: Any = None, target: Any = None) -> ModuleSpec | None:
-        """Return how a module is loaded; None where others know."""
+        """Return the specification of a module; None for modules of other finders."""
         spec = PathFinder.find_spec(name, [self._folder] if path is None else path)
         if spec is None or not str(spec.origin or "").startswith(self._folder):
             return ModuleSpec(name, self) if name in OLD_MODULES and spec is None else None
@@ -371,7 +373,7 @@ class ScriptImports(MetaPathFinder, Loader):
         return own
 
     def exec_module(self, module: types.ModuleType) -> None:
-        """Fill a module."""
+        """Run a module's program, or copy the contents of a renamed module."""
         name, origin = module.__name__, getattr(module.__spec__, "origin", None)
         if origin is None:
             self.loaded.append(name)

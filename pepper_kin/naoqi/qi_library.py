@@ -1,8 +1,9 @@
-"""libqi as the package `qi`, with its settings (extra `naoqi`).
+"""Import of libqi's package `qi`, with settings (extra `naoqi`).
 
-libqi brings Boost 1.83, and coal, of the collision checks, another one.  Both have symbols of which a process
-keeps one only, the first.  With those of coal, the first bytes on a connection that are no messages of libqi
-end the process by a segmentation fault; with those of libqi both work.  So servers import this first.
+libqi brings Boost 1.83, and coal, the library of the collision checks, another Boost.  Both have common
+symbols, of which a process keeps the first loaded ones.  With coal's symbols, the first bytes on a
+connection that are no messages of libqi end the process by a segmentation fault; with libqi's symbols both
+work.  So servers import this module first.
 """
 
 from __future__ import annotations
@@ -17,10 +18,10 @@ SETTINGS = {
     "QI_EVENTLOOP_THREAD_COUNT": "24",
     "QI_EVENTLOOP_MAX_THREADS": "256",
 }
-"""Environment of libqi, read as it is loaded.
+"""Environment variables of libqi, read when it is loaded.
 
-A call that blocks keeps one of its threads, of which it has three at first; with all of them kept, others
-wait for a second or two.
+A blocking call occupies one of libqi's threads, of which it starts with three; while all are occupied,
+further calls wait for a second or two.
 """
 
 
@@ -28,12 +29,12 @@ def libqi() -> Any:
     """Return the module `qi`.
 
     Raises:
-        MissingDependencyError: where it is not installed.
+        MissingDependencyError: if `qi` is not installed.
     """
     unset = "QI_LOG_LEVEL" not in os.environ
     for name, value in SETTINGS.items():
         os.environ.setdefault(name, value)
     qi = optional("qi", extra="naoqi", need="a connection by NAOqi's messages")
-    if unset:  # a program may have imported it first, and libqi read no settings
+    if unset:  # a program may have imported it before, without the settings
         qi.logging.setLevel(qi.logging.ERROR)
     return qi

@@ -1,4 +1,4 @@
-"""A robot that speaks NAOqi, seen from outside: its state, and motions with a certificate (extra `naoqi`)."""
+"""Client of a robot with NAOqi: its state, and motions with a certificate (extra `naoqi`)."""
 
 from __future__ import annotations
 
@@ -37,35 +37,35 @@ from pepper_kin.trajectory import Trajectory
 METHODS = {"stream": StreamMotion, "bezier": BezierMotion}
 
 AT_START = 0.03
-"""How far joints may be from the start of a motion [rad or share]."""
+"""Largest deviation of a joint from the start of a motion [rad or fraction]."""
 
 STIFF = 0.5
 """Stiffness from which a motor counts as on."""
 
 APPROACH = 0.4
-"""Share of the fastest speed with which a dry run goes to the start."""
+"""Fraction of the maximum speed with which a dry run goes to the start."""
 
 
 class Robot:
-    """A robot, or a simulated one, by its NAOqi.
+    """Client of a robot, real or simulated, that runs NAOqi.
 
         with Robot("tcp://pepper.local:9559") as robot:
             state = robot.state()
 
     Args:
-        url: Where its NAOqi listens.
-        token: What the service "Access" of a simulated robot takes, where it needs one.
-        pepper: Model with a planar base and hands of one joint; `load_pepper` makes it if omitted.
-        timeout: The longest time that an answer takes [s].
+        url: Address of the robot's NAOqi.
+        token: Token for the service "Access" of a simulated robot that requires one.
+        pepper: Model with a planar base and hands of one joint; loaded by `load_pepper` if omitted.
+        timeout: Timeout of each answer [s].
 
     Attributes:
-        url: Where its NAOqi listens.
-        pepper: The model, whose order and names the states have.
-        has_watchdog: Whether something on the robot stops it when this process falls silent.
+        url: Address of the robot's NAOqi.
+        pepper: Model of the robot; states have its joints in its order.
+        has_watchdog: Whether a watchdog on the robot stops it when this process sends no heartbeats.
 
     Raises:
-        MissingDependencyError: where `qi` is not installed.
-        RobotConnectionError: where nobody answers.
+        MissingDependencyError: if `qi` is not installed.
+        RobotConnectionError: if nothing answers.
         InvalidValueError: for a model with joints that NAOqi does not know.
     """
 
@@ -94,30 +94,30 @@ class Robot:
 
     @property
     def connected(self) -> bool:
-        """Whether the connection stands, as far as the system knows."""
+        """Whether the session is connected, as far as libqi knows."""
         return self._link.alive
 
     def close(self) -> None:
-        """End the connection."""
+        """Close the connection."""
         self._link.close()
 
     def state(self) -> RobotState:
-        """Return what the robot measures now.
+        """Return the measured state of the robot.
 
         Raises:
-            RobotConnectionError: where no answer comes.
+            RobotConnectionError: if no answer comes in time.
         """
         return self._reader.read()
 
     def states(self, seconds: float | None = None, period: float = CYCLE) -> Iterator[RobotState]:
-        """Yield what the robot measures, again and again.
+        """Yield measured states periodically.
 
         Args:
-            seconds: How long [s]; without an end if omitted.
-            period: Time between two states [s]; a late one delays the next.
+            seconds: Duration [s]; unlimited if omitted.
+            period: Time between two states [s]; a late state delays the next one.
 
         Raises:
-            RobotConnectionError: where no answer comes.
+            RobotConnectionError: if no answer comes in time.
             InvalidValueError: for a time that is not above zero.
         """
         check_positive("period", period, "s")
@@ -133,26 +133,26 @@ class Robot:
         self._link.call("ALMotion", "wakeUp", timeout=60.0)
 
     def rest(self) -> None:
-        """Let the robot go to its rest posture and switch the motors off."""
+        """Move the robot to its rest posture, and switch the motors off."""
         self._link.call("ALMotion", "rest", timeout=60.0)
 
     def stop(self) -> None:
-        """Stop joints and base; motions of this object, in whatever state, end with STOPPED.
+        """Stop joints and base; all motions of this object end with STOPPED.
 
-        With a watchdog motions of other clients end, too, and it holds the robot until it is at rest.
+        With a watchdog, motions of other clients end, too, and the robot is held until it is at rest.
 
         Raises:
-            RobotConnectionError: where no answer comes.
+            RobotConnectionError: if no answer comes in time.
         """
         with self._lock:
             motions = tuple(self._motions)
         for supervisor in motions:
             supervisor.request_stop()
-        with contextlib.suppress(NaoqiError):  # it may be gone: then without it
+        with contextlib.suppress(NaoqiError):  # if the watchdog is gone, stop without it
             if self.has_watchdog:
                 self._link.call(on_robot.NAME, "halt", 0, "stop() was called")
                 return
-        supervised = [supervisor.motion.moved for supervisor in motions]  # each holds what it moves
+        supervised = [supervisor.motion.moved for supervisor in motions]  # held by their own supervisors
         taken = {name for moved in supervised for name in moved.joints}
         joints = [name for name in self.pepper.joint_names if name in ACTUATED and name not in taken]
         if joints:
@@ -170,29 +170,29 @@ class Robot:
         options: FollowOptions | None = None,
         unguarded: bool = False,
     ) -> RobotMotionResult:
-        """Make the motion of a trajectory; returns when it is over.
+        """Follow a trajectory; return when the motion has ended.
 
         "stream" sends targets by `setAngles` at 50 Hz, and velocities of the base that correct its odometry;
         a delay makes the motion slower, not faster.  "bezier" hands the whole motion to
-        `angleInterpolationBezier`, which moves joints only, and watches it.  A trajectory's base begins where
-        the robot stands.
+        `angleInterpolationBezier`, which moves joints only, and watches it.  A trajectory's base starts at
+        the robot's pose.
 
         Args:
-            trajectory: With joints of Pepper in the order of `load_pepper`; it must pass its certificate.
-            scene: What the certificate looks at around the robot.
-            payload: Point masses that the certificate counts with, by hand or frame [kg].
+            trajectory: Trajectory of joints in the order of `load_pepper`; it must pass its certificate.
+            scene: Obstacles and attached objects for the certificate.
+            payload: Point masses for the certificate, by hand or frame [kg].
             method: "stream" or "bezier".
             options: Tolerances and times.
-            unguarded: Whether to drive the base or use "bezier" on a robot without a watchdog, which goes on
-                when this process is lost.
+            unguarded: Whether to allow a moving base or "bezier" on a robot without a watchdog, which goes on
+                moving when this process is lost.
 
         Returns:
-            How it ended and what was measured.
+            Outcome and measured motion.
 
         Raises:
-            InvalidValueError: for a motion without a certificate, one that begins elsewhere, motors that are
-                off, or where `unguarded` would be needed.
-            RobotConnectionError: where the robot does not answer before the motion.
+            InvalidValueError: for a motion without a certificate, a start other than the robot's state,
+                motors that are off, or a missing `unguarded`.
+            RobotConnectionError: if the robot does not answer before the motion.
         """
         kind = METHODS[check_choice("method", method, tuple(METHODS))]
         robot = robot_of(trajectory)
@@ -200,7 +200,7 @@ class Robot:
 
         def check() -> RobotState:
             refuse_unsafe(trajectory, robot, scene, payload, False, advice="")
-            if isinstance(motion, BezierMotion):  # what ALMotion interpolates is certified as well
+            if isinstance(motion, BezierMotion):  # ALMotion's interpolation is certified as well
                 motion.curves = naoqi_arguments(trajectory, pepper=robot, scene=scene, payload=payload)
             return self._check_start(trajectory)
 
@@ -213,27 +213,27 @@ class Robot:
     def follow_live(
         self, live: LiveMotion, each_cycle: EachCycle, *, options: FollowOptions | None = None
     ) -> RobotMotionResult:
-        """Make a live motion of joints; returns when it is over.
+        """Run a live motion of joints; return when it has ended.
 
             live = LiveMotion(pepper, robot.state().of(pepper.joint_names), delay=0.2)
             robot.follow_live(live, each_cycle)
 
-        Targets are sent at 50 Hz, and measured states reported to the motion.
+        Targets are sent at 50 Hz, and measured states are fed back to the motion.
 
         Args:
-            live: The motion, of Pepper without a base that drives, from where the robot is.
+            live: Live motion of Pepper without a moving base, which starts at the robot's state.
             each_cycle: Called before each cycle with the time of `time.monotonic` and the last `LiveState`,
-                None at first: it may set the goal and the scene, and returns whether to go on.  Where it says
-                no, or raises an error, the robot stops.
-            options: Times; the tolerance is that of the live motion.
+                None at first.  It may set the goal and the scene, and returns whether to go on; the robot
+                stops if it returns False or raises an error.
+            options: Times; the live motion has its own tolerance.
 
         Returns:
-            How it ended, COMPLETED where `each_cycle` ended it and the robot stands, and what was measured.
+            Outcome, COMPLETED if `each_cycle` ended it and the robot is at rest, and the measured motion.
 
         Raises:
-            InvalidValueError: for joints that NAOqi has not, or a base; a motion that begins elsewhere; or
-                motors that are off.
-            RobotConnectionError: where the robot does not answer before the motion.
+            InvalidValueError: for joints that NAOqi does not have, a base, a start other than the robot's
+                state, or motors that are off.
+            RobotConnectionError: if the robot does not answer before the motion.
         """
         robot_of(live.trajectory)
         if any(name in BASE for name in live.pepper.joint_names):
@@ -254,21 +254,21 @@ class Robot:
         silence: float = SILENCE,
         unguarded: bool = False,
     ) -> RobotMotionResult:
-        """Drive to a pose in the robot's own axes by its `moveTo`.
+        """Drive to a pose in the robot's frame by its own `moveTo`.
 
         The robot avoids obstacles by itself; there is no certificate.
 
         Args:
-            pose: x, y [m], yaw [rad], shape (3,).
-            timeout: The longest time [s].
-            silence: As in `FollowOptions` [s].
-            unguarded: Whether to do it on a robot without a watchdog.
+            pose: Pose x, y [m], yaw [rad], shape (3,).
+            timeout: Maximum time of the motion [s].
+            silence: Time without a heartbeat after which the watchdog stops the robot [s].
+            unguarded: Whether to allow a robot without a watchdog.
 
         Returns:
-            How it ended, COMPLETED where it arrived, and what was measured; true where it arrived.
+            Outcome, COMPLETED if the robot arrived, and the measured motion; true if it arrived.
 
         Raises:
-            InvalidValueError: where `unguarded` would be needed.
+            InvalidValueError: for a robot without a watchdog, unless `unguarded`.
         """
         goal = [float(x) for x in as_finite(pose, "pose", (3,))]
         limit = check_positive("timeout", timeout, "s")
@@ -277,19 +277,19 @@ class Robot:
     def drive(
         self, twist: ArrayLike, seconds: float, *, silence: float = SILENCE, unguarded: bool = False
     ) -> RobotMotionResult:
-        """Drive with a velocity for some time, then stop; there is no certificate.
+        """Drive with a velocity for a duration, then stop; there is no certificate.
 
         Args:
-            twist: v_x, v_y [m/s], omega [rad/s] in the robot's axes, shape (3,).
-            seconds: How long [s].
-            silence: As in `FollowOptions` [s].
-            unguarded: Whether to do it on a robot without a watchdog.
+            twist: Velocity v_x, v_y [m/s], omega [rad/s] in the robot's axes, shape (3,).
+            seconds: Duration [s].
+            silence: Time without a heartbeat after which the watchdog stops the robot [s].
+            unguarded: Whether to allow a robot without a watchdog.
 
         Returns:
-            How it ended, COMPLETED where it drove for that time and stands, and what was measured.
+            Outcome, COMPLETED if it drove for the duration and is at rest, and the measured motion.
 
         Raises:
-            InvalidValueError: where `unguarded` would be needed.
+            InvalidValueError: for a robot without a watchdog, unless `unguarded`.
         """
         velocity = [float(x) for x in as_finite(twist, "twist", (3,))]
         time = check_positive("seconds", seconds, "s")
@@ -303,7 +303,7 @@ class Robot:
         return self._link, self.pepper, BaseOptions(options, self.has_watchdog, self._clock)
 
     def _supervised(self, motion: CommandedMotion) -> RobotMotionResult:
-        """Make a motion, which `stop` knows from its check on."""
+        """Run a motion, which `stop` can end from its check on."""
         supervisor = Supervisor(motion, self._clock)
         with self._lock:
             self._motions.add(supervisor)
@@ -322,13 +322,13 @@ class Robot:
         method: str = "stream",
         options: FollowOptions | None = None,
     ) -> RobotMotionResult:
-        """Make the motion on a simulated robot that is hosted meanwhile by another process.
+        """Follow a trajectory on a simulated robot, hosted by another process for the time of the motion.
 
-        All messages travel as to the robot: see `follow`, whose arguments and results these are.
+        All messages are sent as to a real robot; arguments and results are the same as of `follow`.
 
         Raises:
-            InfeasibleError: where the simulated robot does not start.
-            InvalidValueError: as `follow` does.
+            InfeasibleError: if the simulated robot does not start.
+            InvalidValueError: for the reasons of `follow`.
         """
         refuse_unsafe(trajectory, robot_of(trajectory), scene, payload, False, advice="")
         with hosted_twin(scene) as (url, _), Robot(url) as robot:
@@ -340,18 +340,20 @@ class Robot:
 
     @staticmethod
     def write_watchdog(path: str | Path) -> Path:
-        """Write the watchdog that runs on the robot, in Python 2.7 or 3: `python FILE` there."""
+        """Write the watchdog for the robot, a program in Python 2.7 and 3; run `python FILE` there."""
         return atomic_file.write_text(path, Path(on_robot.__file__).read_text("utf-8"))
 
     def _watchdog_is_there(self) -> bool:
+        """Return whether the robot runs the watchdog in the present version of its protocol."""
         if on_robot.NAME not in self._link.names():
             return False
         try:
             return int(self._link.call(on_robot.NAME, "protocol")) == on_robot.PROTOCOL
         except NaoqiError:
-            return False  # of an earlier version, which cannot end what arrives late
+            return False  # an earlier version, which cannot drop late commands
 
     def _need_guard(self, what: str, unguarded: bool) -> None:
+        """Raise for a robot without a watchdog, unless `unguarded`."""
         if not self.has_watchdog and not unguarded:
             raise InvalidValueError(
                 "robot",
@@ -360,6 +362,7 @@ class Robot:
             )
 
     def _check_method(self, trajectory: Trajectory, method: str, unguarded: bool) -> None:
+        """Raise if a method cannot make the motion, or needs a watchdog."""
         driven = any(name in BASE for name in trajectory.joint_names)
         if method == "bezier":
             if driven:
@@ -370,7 +373,7 @@ class Robot:
             self._need_guard(f"method={method!r}", unguarded)
 
     def _check_start(self, trajectory: Trajectory) -> RobotState:
-        """Return where the robot is, if that is where a trajectory begins and its motors are on."""
+        """Return the robot's state; raise unless the trajectory starts there and its motors are on."""
         state = self.state()
         joints, start = _joints_of(trajectory)
         off = np.abs(state.of(joints) - start)
@@ -388,7 +391,7 @@ class Robot:
 
 
 def robot_of(trajectory: Trajectory) -> PepperModel:
-    """Return the robot of a trajectory.
+    """Return the model of a trajectory's robot.
 
     Raises:
         InvalidValueError: for joints that NAOqi does not know.
@@ -404,7 +407,7 @@ def robot_of(trajectory: Trajectory) -> PepperModel:
 
 
 def _joints_of(trajectory: Trajectory) -> tuple[Sequence[str], list[float]]:
-    """Return the joints besides the base, and where they begin [rad or share]."""
+    """Return the joints without the base, and their start [rad or fraction]."""
     pairs = [
         (name, float(x))
         for name, x in zip(trajectory.joint_names, trajectory.start, strict=True)

@@ -1,4 +1,4 @@
-"""Motions of the base alone on a robot that speaks NAOqi, and what all motions on it share."""
+"""Base class of motions on a robot with NAOqi, and motions of the base alone."""
 
 from __future__ import annotations
 
@@ -30,20 +30,20 @@ from pepper_kin.supervision import (
 from pepper_kin.twin import Run
 
 MOST_READINGS, NEXT_READING = 20, 0.1
-"""States that may be asked for at once, and the time after which the next is, though one is missing [s]."""
+"""Maximum number of pending state requests, and time between two requests [s]."""
 
 
 class CommandedMotion(SupervisedMotion):
-    """One motion on a robot: commands by a channel, states, and measured rest.
+    """A motion on a robot: commands through a channel, measured states, and detection of rest.
 
     Args:
         link: The connection.
-        pepper: Robot of the joints whose states are read.
-        moved: What it moves.
+        pepper: Model with the joints whose states are read.
+        moved: Parts that the motion moves.
         options: Tolerances and times.
         guarded: Whether the robot has a watchdog.
-        clock: Time.
-        check: Raises what speaks against the motion.
+        clock: Clock of the client.
+        check: Raises if the motion must not start.
     """
 
     method = ""
@@ -87,15 +87,15 @@ class CommandedMotion(SupervisedMotion):
 
     @property
     def connected(self) -> bool:
-        """Whether the connection stands, as far as the system knows."""
+        """Whether the session is connected, as far as libqi knows."""
         return self._link.alive
 
     def check(self) -> None:
-        """Raise what speaks against the motion."""
+        """Raise if the motion must not start."""
         self._check()
 
     def hand_over(self) -> bool:
-        """Arm the watchdog, and hand the motion over; see `SupervisedMotion.hand_over`."""
+        """Arm the watchdog, and hand the motion to the robot; see `SupervisedMotion.hand_over`."""
         if self._handing is None:
             self._handing = self._hand_over()
             self._begun = self._heard = self._stepped = self._clock.now()
@@ -111,10 +111,10 @@ class CommandedMotion(SupervisedMotion):
 
     @abstractmethod
     def _begin(self) -> Iterator[None]:
-        """Send what the robot needs before the first step, in steps between which time may pass."""
+        """Send the calls before the first step, in steps between which time may pass."""
 
     def step(self) -> bool:
-        """Do one cycle: see what the robot measures and answers before more is sent."""
+        """Do one cycle: process answers and measured states, then send commands."""
         self._channel.look()
         self._take_states()
         self._check_age()
@@ -122,7 +122,7 @@ class CommandedMotion(SupervisedMotion):
 
     @abstractmethod
     def _advance(self) -> bool:
-        """Do what the motion has to do in one cycle; return whether it is complete and closed."""
+        """Advance the motion by one cycle; return whether it is complete and closed."""
 
     def stop(self) -> str:
         """Hold the robot until it is measured at rest; see `SupervisedMotion.stop`."""
@@ -142,7 +142,7 @@ class CommandedMotion(SupervisedMotion):
         return f"{moving} ({trouble})" if moving and trouble else moving
 
     def result(self, end: MotionEnd) -> RobotMotionResult:
-        """Return what came of the motion."""
+        """Return the outcome of the motion."""
         stamps = np.array([stamp for stamp, _, _ in self._states])
         run = self._as_run()
         return RobotMotionResult(
@@ -150,7 +150,7 @@ class CommandedMotion(SupervisedMotion):
         )
 
     def _take_states(self) -> None:
-        """Take the states that are there, and ask for the next."""
+        """Process the states that have arrived, and request the next one."""
         while self._readings and self._readings[0].is_there:
             self._take(self._reader.finish(self._readings.popleft()))
         now = self._clock.now()
@@ -164,13 +164,13 @@ class CommandedMotion(SupervisedMotion):
         self._states.append((state.time - self._begun, state, self._wanted(state)))
 
     def _wanted(self, state: RobotState) -> Array:
-        """Return where the robot should be [rad, m or share], shape (n,)."""
+        """Return the desired positions at a state [rad, m or fraction], shape (n,)."""
         return np.array(state.q)
 
     def _check_age(self) -> None:
-        """End the motion where the last state is older than the silence that is allowed.
+        """End the motion if the last state is older than the allowed silence.
 
-        After a silence of this process itself states have that time to arrive: the watchdog has seen it.
+        After a pause of this process itself, states get the allowed silence anew.
         """
         now = self._clock.now()
         if now > self._stepped + self._options.silence / 2.0:
@@ -182,16 +182,16 @@ class CommandedMotion(SupervisedMotion):
             raise MotionEndedError(RobotMotionStatus.STATE_UNUSABLE, text)
 
     def _is_late(self) -> bool:
-        """Whether the time is over in which the robot comes to rest after the end of the motion."""
+        """Return whether the time to come to rest after the end of the motion is over."""
         now = self._clock.now()
         self._until = now + self._options.hold_time if self._until is None else self._until
         return now > self._until
 
     def _closed(self) -> bool:
-        """Return whether the robot stands at the end, all calls were answered and nobody watches any more.
+        """Return whether the robot is at rest at the end, all calls are answered and the channel is closed.
 
         Raises:
-            MotionEndedError: where it does not stand there in time.
+            MotionEndedError: if it is not at rest there in time.
         """
         if self._closing:
             return self._channel.close()
@@ -199,7 +199,7 @@ class CommandedMotion(SupervisedMotion):
         if self._channel.idle and not self._worded:
             self._worded = True
             calls = self._last_calls()
-            if calls:  # in one message, when nothing is under way that could come after it
+            if calls:  # in one message, when no earlier call is pending that could arrive later
                 self._channel.send(calls)
         elif self._channel.idle:
             self._answered_at = self._clock.now() if self._answered_at is None else self._answered_at
@@ -212,11 +212,11 @@ class CommandedMotion(SupervisedMotion):
         return False
 
     def _arrived(self) -> bool:
-        """Whether the robot is where the motion ends."""
+        """Return whether the robot is at the end of the motion."""
         return True
 
     def _correct(self) -> None:
-        """Go on where the robot came to rest elsewhere, if that can help."""
+        """Resume the motion if the robot came to rest away from its end, where a subclass can."""
 
     def _why_late(self, moving: str) -> str:
         return f"it is not at rest {self._options.hold_time:g} s after the end: {moving}"
@@ -236,7 +236,7 @@ class CommandedMotion(SupervisedMotion):
 
 
 class BaseOptions(NamedTuple):
-    """What all motions of the base need besides where to.
+    """Common arguments of motions.
 
     Attributes:
         options: Tolerances and times.
@@ -250,14 +250,14 @@ class BaseOptions(NamedTuple):
 
 
 class DriveMotion(CommandedMotion):
-    """A velocity of the base for some time, without a certificate.
+    """A velocity of the base for a duration, without a certificate.
 
     Args:
         link: The connection.
-        pepper: Robot whose states are read.
-        base: What motions of the base need.
-        twist: v_x, v_y [m/s], omega [rad/s] in the robot's axes, shape (3,).
-        seconds: How long [s].
+        pepper: Model of the robot's states.
+        base: Options, watchdog and clock.
+        twist: Velocity v_x, v_y [m/s], omega [rad/s] in the robot's axes, shape (3,).
+        seconds: Duration [s].
     """
 
     method = "drive"
@@ -286,14 +286,14 @@ class DriveMotion(CommandedMotion):
 
 
 class MoveToMotion(CommandedMotion):
-    """The robot's own `moveTo`.
+    """A motion of the base by the robot's own `moveTo`.
 
     Args:
         link: The connection.
-        pepper: Robot whose states are read.
-        base: What motions of the base need.
-        goal: x, y [m], yaw [rad] in the robot's axes, shape (3,).
-        timeout: The longest time [s].
+        pepper: Model of the robot's states.
+        base: Options, watchdog and clock.
+        goal: Pose x, y [m], yaw [rad] in the robot's axes, shape (3,).
+        timeout: Maximum time of the motion [s].
     """
 
     method = "move_to"

@@ -1,4 +1,4 @@
-"""The state of a robot, by our names and in our units."""
+"""The state of a robot with NAOqi, by the model's names and in the library's units."""
 
 from __future__ import annotations
 
@@ -29,27 +29,26 @@ QUANTITIES = {
     "stiffness": "Hardness/Actuator/Value",
     "temperature": "Temperature/Sensor/Value",
 }
-"""Quantity -> end of its key of ALMemory."""
+"""Quantity -> end of its key in ALMemory."""
 
 BATTERY = f"{TOP}Battery/Charge/Sensor/Value"
 
 
 @dataclass(frozen=True, eq=False)
 class RobotState(FrozenArrays):
-    """What a robot measured at a time; arrays are in the order of the model's joints, NaN for unknown.
+    """Measured state of a robot; arrays are in the order of the model's joints, NaN for unknown.
 
     Attributes:
         joint_names: Joints of the model.
-        time: When it was asked for, on the clock of `time.monotonic` [s].
-        q: Joint positions, those of the base from its odometry [rad, m or share of an opened hand], shape
-            (n,).
-        command: Commanded positions [rad, m or share], shape (n,).
-        velocity: Where the robot reports it, and always for the base [rad/s, m/s or shares/s], shape (n,).
-        torque: Where the robot reports it, as the simulated one does [N m], shape (n,).
-        stiffness: Of the motors, 0 to 1, shape (n,).
-        temperature: Of the motors [degrees Celsius], shape (n,).
-        battery: Charge, 0 to 1.
-        pressed: Bumper or touch sensor -> whether it is pressed, of those that the robot reports.
+        time: Time of the request, on the clock of `time.monotonic` [s].
+        q: Joint positions, of the base from odometry [rad, m or fraction of a hand's opening], shape (n,).
+        command: Commanded positions [rad, m or fraction], shape (n,).
+        velocity: Velocities, if the robot reports them, and of the base [rad/s, m/s or 1/s], shape (n,).
+        torque: Torques, if the robot reports them, as the simulated one does [N m], shape (n,).
+        stiffness: Stiffness of the motors, 0 to 1, shape (n,).
+        temperature: Temperature of the motors [degrees Celsius], shape (n,).
+        battery: Charge of the battery, 0 to 1.
+        pressed: Bumper or touch sensor -> whether it is pressed, for reported sensors.
     """
 
     joint_names: tuple[str, ...]
@@ -73,17 +72,17 @@ class RobotState(FrozenArrays):
         return self.q[[self.joint_names.index(name) for name in BASE]]
 
     def of(self, names: Sequence[str]) -> Array:
-        """Return the positions of joints [rad, m or share], shape (k,)."""
+        """Return the positions of joints [rad, m or fraction], shape (k,)."""
         return self.q[[self.joint_names.index(name) for name in names]]
 
 
 class StateReader:
-    """Reads states of a robot by two calls, or by one where the base is not asked for.
+    """Reader of a robot's states, by three calls, or one for a model without a base.
 
     Args:
         link: The connection.
         pepper: Model with a planar base and hands of one joint each.
-        clock: Time of the states.
+        clock: Clock of the states' times.
 
     Raises:
         InvalidValueError: for a model with joints that NAOqi does not know.
@@ -102,7 +101,7 @@ class StateReader:
         self._keys += [BATTERY, *(f"{TOP}{key}/Sensor/Value" for key in table("devices")["touches"])]
 
     def begin(self) -> RobotReading:
-        """Ask for a state."""
+        """Request a state."""
         at = self._clock.now()
         asked = [self._link.start("ALMemory", "getListData", self._keys)]
         if self._base:
@@ -111,11 +110,11 @@ class StateReader:
         return RobotReading(at, asked)
 
     def finish(self, reading: RobotReading) -> RobotState:
-        """Return the state that was asked for.
+        """Return a requested state.
 
         Raises:
-            RobotConnectionError: where no answer comes.
-            UnusableStateError: for an answer of another shape, or positions that are not finite numbers.
+            RobotConnectionError: if no answer comes in time.
+            UnusableStateError: for an answer of the wrong shape, or positions that are not finite.
         """
         values = self._link.value(reading.futures[0], "ALMemory.getListData")
         if not isinstance(values, list | tuple) or len(values) != len(self._keys):
@@ -159,16 +158,16 @@ class StateReader:
         )
 
     def read(self) -> RobotState:
-        """Return the state of now."""
+        """Return the present state."""
         return self.finish(self.begin())
 
 
 class RobotReading(NamedTuple):
-    """A state that was asked for.
+    """A requested state.
 
     Attributes:
-        asked_at: When [s].
-        futures: Of the calls.
+        asked_at: Time of the request [s].
+        futures: Futures of the calls.
     """
 
     asked_at: float
@@ -176,17 +175,17 @@ class RobotReading(NamedTuple):
 
     @property
     def is_there(self) -> bool:
-        """Whether all answers are there."""
+        """Whether all answers have arrived."""
         return all(future.isFinished() for future in self.futures)
 
 
 def _number(value: Any) -> float:
-    """Return a number that ALMemory has, or NaN."""
+    """Return a value of ALMemory as a number, or NaN."""
     return float(value) if isinstance(value, int | float) else float("nan")
 
 
 def _three(method: str, value: Any) -> list[float]:
-    """Return three finite numbers that ALMotion answered."""
+    """Return ALMotion's answer of three finite numbers."""
     numbers = [_number(x) for x in value] if isinstance(value, list | tuple) else []
     if len(numbers) != 3 or not np.isfinite(numbers).all():
         raise UnusableStateError(
@@ -198,13 +197,13 @@ def _three(method: str, value: Any) -> list[float]:
 def run_of_states(
     pepper: PepperModel, stamps: Array, states: Sequence[RobotState], wanted: Sequence[Array]
 ) -> Run:
-    """Return states of a robot as a run in steps of 20 ms, which all tools read.
+    """Return states of a robot as a run in steps of 20 ms.
 
     Args:
-        pepper: The robot.
-        stamps: Times of the states, from 0 and rising [s], shape (k,).
-        states: The states.
-        wanted: What was commanded at these times [rad or m], shape (n,) each.
+        pepper: Model of the robot.
+        stamps: Times of the states, from 0 and increasing [s], shape (k,).
+        states: States of the robot.
+        wanted: Commanded positions at each stamp [rad or m], shape (n,) each.
     """
     grid = np.arange(0.0, stamps[-1] + CYCLE / 2.0, CYCLE)
 

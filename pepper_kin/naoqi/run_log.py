@@ -1,4 +1,4 @@
-"""A log of the simulated body as a run of the twin, which all tools of the library read."""
+"""A log of the simulated body, as a run of the twin."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pepper_kin.twin import Run, actuator_parameters
 
 
 class RunLog:
-    """States and commands of every cycle from now on.
+    """Log of the states and commands of every cycle, from its creation on.
 
     Args:
         body: The simulated body.
@@ -27,7 +27,7 @@ class RunLog:
         return len(self._rows)
 
     def stop(self) -> None:
-        """Note no further cycles."""
+        """Stop logging."""
         if self._note in self.body.listeners:
             self.body.listeners.remove(self._note)
 
@@ -37,10 +37,10 @@ class RunLog:
         self._rows.append((state.position, state.velocity, state.torque, command))
 
     def run(self) -> Run:
-        """Return what was logged, one row a cycle.
+        """Return the log as a run, one row a cycle.
 
         Raises:
-            InvalidValueError: where fewer than two cycles were logged.
+            InvalidValueError: if fewer than two cycles were logged.
         """
         if len(self._rows) < 2:
             raise InvalidValueError("cycles", len(self._rows), "2 or more before a run can be made")

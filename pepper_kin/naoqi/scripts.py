@@ -1,6 +1,6 @@
-"""Scripts for NAOqi, run as they are against the twin.
+"""Unmodified scripts for NAOqi, run against the twin.
 
-Python 3, and Python 2 that says `from naoqi import ALProxy`.
+They may be in Python 3, or in Python 2 with `from naoqi import ALProxy`.
 """
 
 from __future__ import annotations
@@ -37,24 +37,24 @@ MODULES = {
     "motion": motion,
     "vision_definitions": vision_definitions,
 }
-"""Modules that scripts import -> what stands in for them."""
+"""Name of a module that scripts import -> its replacement."""
 
 LOOK_EVERY = 0.25
-"""Time between two looks for a script that lets no time pass [s]."""
+"""Time between two checks whether a script lets simulated time pass [s]."""
 
 STUCK = 1.0
-"""Time that a script may let no time pass after its end [s]."""
+"""Wall time without simulated time after which an overdue script is interrupted [s]."""
 
 
 @dataclass(frozen=True)
 class ScriptResult:
-    """What came of a script.
+    """Outcome of a script.
 
     Attributes:
         ended: "completed", "exited" (by `sys.exit`), "time is up", "interrupted" (by Ctrl-C) or "failed".
-        code: What it exited with; 130 where it was interrupted.
-        duration: Time of the twin [s].
-        error: The exception that ended it.
+        code: Exit code; 130 if the script was interrupted.
+        duration: Simulated time that the script took [s].
+        error: The exception that ended the script, or None.
     """
 
     ended: str
@@ -64,16 +64,16 @@ class ScriptResult:
 
     @property
     def success(self) -> bool:
-        """Whether it ran to its end, or to that of its time."""
+        """Whether the script ran to its end, or to the end of its time."""
         return self.ended in ("completed", "time is up") or (self.ended == "exited" and self.code == 0)
 
 
 class ScriptTime(types.ModuleType):
-    """The module `time` of a script: its clock is that of the twin.
+    """The module `time` of a script, with the twin's clock.
 
     Args:
-        broker: The twin.
-        longest: Time after which the script is interrupted [s]; None for never.
+        broker: The simulated robot.
+        longest: Simulated time at which the script is interrupted [s]; None for never.
     """
 
     def __init__(self, broker: Broker, longest: float | None) -> None:
@@ -93,7 +93,7 @@ class ScriptTime(types.ModuleType):
 
         def now() -> float:
             check()
-            clock.spend(1e-3)  # whoever asks for the time in a loop lets it pass
+            clock.spend(1e-3)  # so that time passes in a loop that polls it
             return broker.wall_time()
 
         self.sleep, self.time = sleep, now
@@ -104,9 +104,9 @@ class ScriptTime(types.ModuleType):
 def stand_ins(
     broker: Broker, folder: Path, longest: float | None, reads: Callable[..., str]
 ) -> Iterator[Callable[[], None]]:
-    """Let imports find the stand-ins, and those of the script's folder the twin's clock.
+    """Replace modules that scripts import, and `time` in modules of the script's folder.
 
-    Yields a function that waits for the threads of the script that Python would wait for at its end.
+    Yields a function that waits for the script's non-daemon threads, as Python does at its end.
     """
     before = {name: sys.modules.get(name) for name in MODULES}
     clock, finder = ScriptTime(broker, longest), ScriptImports(folder, reads)
@@ -125,11 +125,12 @@ def stand_ins(
     twin, workers, over = broker.body.time, list[object](), threading.Event()
 
     def start(self: threading.Thread) -> None:
+        """Start a thread of a script as a worker of the simulated time."""
         if self.ident is not None or self.name.startswith(OWN_THREADS):
-            begins(self)  # which refuses what has been started
+            begins(self)  # which refuses a thread that has been started
             return
         if not self.daemon:
-            self.daemon = True  # waited for here, not by the process as it ends, which has no limit
+            self.daemon = True  # waited for here, with a limit; the process would wait for ever
             threads.append(self)
         does, worker = self.run, twin.new_worker()
         self.__dict__["worker"] = worker
@@ -143,7 +144,7 @@ def stand_ins(
             except TimeIsUp:
                 pass
             except Exception:
-                if not over.is_set():  # else it met the end of what it ran in
+                if not over.is_set():  # else the error is an effect of the script's end
                     raise
 
         self.run = run  # type: ignore[method-assign]
@@ -159,7 +160,7 @@ def stand_ins(
             pools.add(self)
 
     def wait() -> None:
-        """Wait for threads, and those that they begin, until the time is up; pools end when they are idle."""
+        """Wait for threads, and threads that they start, until the time is up; pools end when idle."""
         for pool in pools:
             pool.shutdown(wait=False)
         for thread in threads:
@@ -202,13 +203,13 @@ def run_script(
 
     Args:
         path: The script, in Python 3 or 2.
-        arguments: What stands behind its name on the command line.
+        arguments: Arguments of the command line, after the script's name.
         broker: The simulated robot.
-        longest: Time of the twin after which it is interrupted, as by Ctrl-C [s]: in its sleeps, in calls
-            that block, and when it asks for the time.
+        longest: Simulated time after which it is interrupted, as by Ctrl-C [s]: in its sleeps, in calls
+            that block, and when it reads the time.
 
     Returns:
-        How it ended.
+        Outcome of the script.
 
     Raises:
         FileFormatError: for a file that is no script.
@@ -223,14 +224,14 @@ def check_longest(longest: float | None) -> None:
     """Refuse a time that is not above 0 [s].
 
     Raises:
-        InvalidValueError: for such a time.
+        InvalidValueError: for a time that is not above 0.
     """
     if longest is not None and not longest > 0:
         raise InvalidValueError("longest", longest, "a time above 0 [s]")
 
 
 def main_program(script: Path, arguments: Sequence[str]) -> Callable[[Callable[..., str]], None]:
-    """Return what runs a script as `__main__`, called with what reads a line that somebody types.
+    """Return a function that runs a script as `__main__`; its argument reads a typed line.
 
     Raises:
         FileFormatError: for a file that is no script.
@@ -249,13 +250,13 @@ def main_program(script: Path, arguments: Sequence[str]) -> Callable[[Callable[.
 def run_program(
     does: Callable[[Callable[..., str]], None], folder: Path, broker: Broker, longest: float | None
 ) -> ScriptResult:
-    """Run what scripts of a folder do, and wait for the threads that they begin.
+    """Run a function of scripts, and wait for the threads that it starts.
 
     Args:
-        does: Called with what reads a line that somebody types.
-        folder: Where scripts import from, which get the twin's clock.
+        does: Function to run; its argument reads a typed line.
+        folder: Folder that scripts import from; its modules get the twin's clock.
         broker: The simulated robot.
-        longest: See `run_script`.
+        longest: Simulated time after which it is interrupted [s]; None for never.
     """
     clock = broker.body.time
     begun = clock.now
@@ -271,7 +272,7 @@ def run_program(
                 with clock.working(clock.new_worker()):
                     does(reads_of_stdin())
             except (Exception, SystemExit):
-                with suppress(KeyboardInterrupt):  # what it raised is the result
+                with suppress(KeyboardInterrupt):  # the script's own error is the result
                     wait()
                 raise
             wait()
@@ -282,16 +283,16 @@ def run_program(
 
 
 def reads_of_stdin() -> Callable[..., str]:
-    """Return what reads a line that somebody types, where somebody can."""
+    """Return a function that reads a typed line: `input` on a terminal, else one that returns ""."""
     return input if sys.stdin is not None and sys.stdin.isatty() else _no_input
 
 
 def ending(does: Callable[[], None], stuck: threading.Event) -> tuple[str, int, BaseException | None]:
-    """Run what may end in any way; return how it ended, its exit code and error, as `ScriptResult` has them.
+    """Run a function; return `ended`, `code` and `error` of its `ScriptResult`.
 
     Args:
-        does: What is run, whose `sys.argv` and `__main__` are lost afterwards.
-        stuck: Set where it was interrupted as its time was up; see `standstill`.
+        does: Function to run; `sys.argv` and `__main__` are restored afterwards.
+        stuck: Set if the interrupt meant that the time is up; see `standstill`.
     """
     main, argv = sys.modules["__main__"], sys.argv
     try:
@@ -313,18 +314,19 @@ def ending(does: Callable[[], None], stuck: threading.Event) -> tuple[str, int, 
 
 @contextmanager
 def standstill(clock: SimulatedTime, longest: float | None) -> Iterator[threading.Event]:
-    """Interrupt a script that computes, reads or waits elsewhere while no time of the twin passes.
+    """Interrupt a script that computes or waits outside the twin's clock while no simulated time passes.
 
-    Where the twin's clock stands that of the wall counts.  Who was interrupted may clean up as long as time
-    passes, and is interrupted again where it stands for `STUCK`.
+    While the twin's clock stands still, wall time counts.  An interrupted script may clean up as long as
+    simulated time passes, and is interrupted again when the clock stands still for `STUCK`.
     """
     stuck, over, thread = threading.Event(), threading.Event(), threading.get_ident()
     before = signal.getsignal(signal.SIGINT)
     ignored = thread == threading.main_thread().ident and longest is not None and before is signal.SIG_IGN
-    if ignored:  # as in jobs that a shell runs in the background
+    if ignored:  # as in background jobs of a shell
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
     def watch() -> None:
+        """Interrupt the script when its time is up, repeatedly if it does not end."""
         begun = seen = clock.now
         stood, since, looked = 0.0, 0.0, wall.monotonic()
         while longest is not None and not over.wait(LOOK_EVERY):
@@ -337,7 +339,7 @@ def standstill(clock: SimulatedTime, longest: float | None) -> Iterator[threadin
                 since = 0.0
                 stuck.set()
                 if thread == threading.main_thread().ident:
-                    signal.siginterrupt(signal.SIGINT, True)  # polars lets what waits in the system go on
+                    signal.siginterrupt(signal.SIGINT, True)  # polars lets system calls resume after a signal
                     signal.pthread_kill(thread, signal.SIGINT)
                 else:
                     interrupt = ctypes.py_object(KeyboardInterrupt)
@@ -355,6 +357,6 @@ def standstill(clock: SimulatedTime, longest: float | None) -> Iterator[threadin
 
 
 def _no_input(prompt: object = "") -> str:
-    """Return an empty line: nobody is there to type one."""
+    """Return an empty line, without a terminal to read one from."""
     print(prompt)
     return ""

@@ -1,4 +1,4 @@
-"""Methods that keep a value, return one, do nothing, or hand over: the rows of `data/simple_methods.csv`."""
+"""Methods of `data/simple_methods.csv`, which keep or return a value, do nothing, or delegate."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ if TYPE_CHECKING:
     from pepper_kin.naoqi.module import Module
 
 Do = Callable[["Module", tuple[Any, ...]], Any]
-"""What a method does with its arguments."""
+"""Implementation of a method, called with the module and the method's arguments."""
 
 
 def simple_methods(module: str) -> dict[str, Callable[..., Any]]:
-    """Return the methods of a module that are rows of the table, by name.
+    """Return the methods of a module in the table, by name.
 
-    A value is kept in `Module.kept` under its place and the arguments before it, as ("ability", "blink").
+    A value is kept in `Module.kept` by the row's `place` and the preceding arguments: ("ability", "blink").
     """
     return {row["method"]: _method(row) for row in rows("simple_methods") if row["module"] == module}
 
 
 def _method(row: dict[str, str]) -> Callable[..., Any]:
-    """Return the function of a row, which takes what the row says and has its name and its words."""
+    """Return the function of a row, with the row's name, parameters and description."""
     parameters = row["parameters"]
     names = "".join(f"{one.partition('=')[0].strip()}, " for one in parameters.split(";") if one)
     head = ", ".join(["self", *filter(None, (one.strip() for one in parameters.split(";")))])

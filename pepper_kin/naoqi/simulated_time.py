@@ -1,4 +1,4 @@
-"""The clock of the simulation: cycles of 20 ms, against the wall or as fast as they can be computed."""
+"""The clock of the simulation: cycles of 20 ms, by the wall clock or as fast as they can be computed."""
 
 from __future__ import annotations
 
@@ -15,41 +15,41 @@ CYCLE = 0.02
 """Period of ALMotion [s]."""
 
 LEAST_PAUSE = 1e-4
-"""Time between two cycles in which the lock is free, at least [s]."""
+"""Minimum time between two cycles in which the lock is free [s]."""
 
 GRACE = 10.0
 """Time in which an interrupted thread may clean up before it is interrupted again [s]."""
 
 PATIENCE = 0.1
-"""How long time waits for a worker that does not compute: it waits for something else [s]."""
+"""Time without computing after which simulated time no longer waits for a worker [s]."""
 
 COMPUTES = 0.05
-"""Share of that time for which a worker that computes has the processor, at least."""
+"""Minimum fraction of the time for which a computing worker has the processor."""
 
 LATEST = 5000
-"""Cycles of which the delay is kept (100 s)."""
+"""Number of cycles whose delays are kept (100 s)."""
 
 
 class TimeIsUp(KeyboardInterrupt):
-    """The time that a script was given is over; to the script it looks like Ctrl-C."""
+    """The time of a script is over; to the script it looks like Ctrl-C."""
 
 
 class SimulatedTime:
-    """Time that passes in cycles of 20 ms, each of which calls a function.
+    """Simulated time, which passes in cycles of 20 ms; each cycle calls a function.
 
-    With `real_time` a thread runs the cycles against the wall clock; otherwise time passes only while
-    somebody waits, and then as fast as the computer can: a script's `sleep(10)` takes what 500 cycles take.
-    Of threads that are `workers` one computes at a time, and no time passes meanwhile, so that what they do
-    does not depend on how fast they compute.
+    With `real_time` a thread runs the cycles by the wall clock; otherwise time passes only while a thread
+    waits, and then as fast as the computer can: a script's `sleep(10)` takes as long as 500 cycles.  Only one
+    of the threads that are `workers` computes at a time, and no time passes meanwhile, so that their effects
+    do not depend on their speed.
 
     Args:
         on_cycle: Called once a cycle, with the lock held.
-        real_time: Whether the wall clock drives it.
+        real_time: Whether the wall clock drives the cycles.
 
     Attributes:
-        lock: Held during a cycle; whoever reads or changes what the cycles change holds it, too.
-        delays: How late the last cycles began [s].
-        interrupted: Whether the time of `limit` has interrupted somebody.
+        lock: Lock that is held during a cycle, and by every reader and writer of the cycles' data.
+        delays: Delays of the last cycles' starts [s].
+        interrupted: Whether the time of `limit` has interrupted a thread.
     """
 
     def __init__(self, on_cycle: Callable[[], None], real_time: bool) -> None:
@@ -65,21 +65,21 @@ class SimulatedTime:
         self._error: BaseException | None = None
         self._released = 0
         self._limited, self._limit = 0, math.inf
-        self._workers: dict[object, bool] = {}  # whether it computes
-        self._looks: dict[object, tuple[float, float]] = {}  # at those that compute: when, and processor time
+        self._workers: dict[object, bool] = {}  # worker -> whether it computes
+        self._looks: dict[object, tuple[float, float]] = {}  # worker -> last check's time, processor time
         self._threads: dict[object, int] = {}
-        self._waiting: dict[object, list[Callable[[], bool]]] = {}  # what workers wait for, the last first
+        self._waiting: dict[object, list[Callable[[], bool]]] = {}  # its conditions, the innermost last
         self._thread_worker = threading.local()
         self.interrupted = False
 
     @property
     def failure(self) -> BaseException | None:
-        """What ended the cycles, if something did."""
+        """The error that ended the cycles, or None."""
         return self._error
 
     @property
     def ended(self) -> bool:
-        """Whether it was stopped: nobody waits any more."""
+        """Whether the time was stopped, which ends all waits."""
         return self._ended
 
     @property
@@ -93,13 +93,13 @@ class SimulatedTime:
         return self.now >= self._limit - 1e-9
 
     def start(self) -> None:
-        """Let the wall clock drive the cycles; without effect where time passes by waiting."""
+        """Start the thread of the cycles; without effect unless `real_time`."""
         if self.real_time and self._thread is None:
             self._thread = threading.Thread(target=self._run, name="naoqi-cycle", daemon=True)
             self._thread.start()
 
     def stop(self) -> None:
-        """End the thread; those who wait are released."""
+        """End the thread of the cycles and all waits."""
         with self._changed:
             self._ended = True
             self._changed.notify_all()
@@ -107,25 +107,25 @@ class SimulatedTime:
             self._thread.join(5.0)
 
     def release(self) -> None:
-        """Let all who wait now return, as if their time were over."""
+        """End all present waits, as if their timeouts were over."""
         with self._changed:
             self._released += 1
             self._changed.notify_all()
 
     def limit(self, end: float) -> None:
-        """Let waits of this thread raise `TimeIsUp` from a time on [s]; infinite for never."""
+        """Set the time from which waits of this thread raise `TimeIsUp` [s]; infinite for never."""
         self._limited, self._limit = threading.get_ident(), end
         self.interrupted = False
 
     def wait_until(self, done: Callable[[], bool], timeout: float | None = None) -> bool:
-        """Let time pass until something is so; return whether it came to be.
+        """Wait until a condition holds; return whether it came to hold.
 
         Args:
-            done: What is waited for; called with the lock held, once a cycle.
-            timeout: The longest time to wait, on this clock [s]; for ever if omitted.
+            done: The condition; called with the lock held, once a cycle.
+            timeout: Maximum simulated time to wait [s]; unlimited if omitted.
 
         Raises:
-            TimeIsUp: from the time of `limit` on, and in workers that were dismissed.
+            TimeIsUp: from the time of `limit` on, and in dismissed workers.
         """
         end = math.inf if timeout is None else self.now + timeout - 1e-9
         worker = getattr(self._thread_worker, "value", None)
@@ -162,7 +162,7 @@ class SimulatedTime:
         return True
 
     def new_worker(self) -> object:
-        """Return a worker that computes from now on, for `working`."""
+        """Return a new worker, which counts as computing, for `working`."""
         worker = object()
         with self._changed:
             self._workers[worker] = True
@@ -170,7 +170,7 @@ class SimulatedTime:
 
     @contextmanager
     def working(self, worker: object) -> Iterator[None]:
-        """Let this thread be a worker, which is none any more afterwards."""
+        """Make this thread a worker until the context ends."""
         self._thread_worker.value = worker
         self._threads[worker] = threading.get_ident()
         try:
@@ -183,14 +183,14 @@ class SimulatedTime:
                 self._changed.notify_all()
 
     def dismiss(self, workers: Iterable[object]) -> None:
-        """Let workers have no more time: their waits, and those that they begin, raise `TimeIsUp`."""
+        """Dismiss workers: their present and future waits raise `TimeIsUp`."""
         with self._changed:
             for worker in workers:
                 self._workers.pop(worker, None)
             self._changed.notify_all()
 
     def follow(self, worker: object) -> None:
-        """Wait until a worker waits or is over, while no time passes; not where the wall clock drives it."""
+        """Wait until a worker waits or has ended, while no time passes; without effect if `real_time`."""
         if not self.real_time:
             self.wait_until(lambda: not self._workers.get(worker, False))
 
@@ -201,11 +201,11 @@ class SimulatedTime:
 
     @property
     def worker_count(self) -> int:
-        """How many workers there are."""
+        """Number of workers."""
         return len(self._workers)
 
     def _look_who_computes(self) -> None:
-        """Wait no longer for workers that have not used the processor since this was called last."""
+        """Mark workers as waiting that have hardly used the processor since the last call."""
         now = time.monotonic()
         for worker, computes in self._workers.items():
             if computes and worker in self._threads:
@@ -223,7 +223,7 @@ class SimulatedTime:
             self._changed.notify_all()
 
     def _is_next(self, worker: object) -> bool:
-        """Return whether no worker computes, and none that has waited longer is ready."""
+        """Return whether no worker computes, and no worker that has waited longer is ready."""
         if worker is None or self.real_time:
             return True
         ready = next(one for one, waits in self._waiting.items() if one is worker or waits[-1]())
@@ -236,16 +236,16 @@ class SimulatedTime:
     def _go_on(self, worker: object) -> None:
         if worker is not None:
             self._waiting[worker].pop()
-            if not self._waiting[worker]:  # else it waits in a cycle that it runs while it waits
+            if not self._waiting[worker]:  # else the wait was inside a cycle that another wait runs
                 del self._waiting[worker]
                 self._looks.pop(worker, None)
-                if worker in self._workers:  # else it was dismissed
+                if worker in self._workers:  # else the worker was dismissed
                     self._workers[worker] = True
 
     def spend(self, seconds: float) -> None:
-        """Let the time pass that a call takes [s], where it passes by waiting only.
+        """Let the time of a call pass [s], unless `real_time`.
 
-        So that whoever asks in a loop, without a pause, sees something change.
+        So a caller that polls in a loop, without a pause, sees changes.
         """
         if self.real_time:
             return
@@ -261,11 +261,11 @@ class SimulatedTime:
         self.wait_until(lambda: self.now >= end - 1e-9)
 
     def _let_others_in(self) -> None:
-        """Give other threads a chance to take the lock between two cycles."""
+        """Release the lock for a moment, so that other threads can take it between two cycles."""
         self._changed.release()
         try:
             time.sleep(0)
-        finally:  # also where Ctrl-C comes
+        finally:  # also after Ctrl-C
             self._changed.acquire()
 
     def _advance(self) -> None:
@@ -273,29 +273,30 @@ class SimulatedTime:
         self._cycles += 1
 
     def _run(self) -> None:
+        """Run the cycles by the wall clock, in the thread of the cycles."""
         wake_promptly()
         due = time.perf_counter()
         while not self._ended:
             now = time.perf_counter()
-            time.sleep(max(due - now, LEAST_PAUSE))  # where cycles take too long, others need the lock, too
+            time.sleep(max(due - now, LEAST_PAUSE))  # others need the lock even if cycles take too long
             late = time.perf_counter() - due
             with self._changed:
                 if self._ended:
                     return
                 try:
                     self._advance()
-                except BaseException as error:  # raised again in the threads that wait
+                except BaseException as error:  # raised again in the waiting threads
                     self._error = error
                     self._changed.notify_all()
                     return
                 self.delays.append(late)
                 self._changed.notify_all()
             due += CYCLE
-            if time.perf_counter() > due + 10 * CYCLE:  # the machine slept: do not run after it
+            if time.perf_counter() > due + 10 * CYCLE:  # the machine slept: do not catch up
                 due = time.perf_counter()
 
 
 def _processor_time(thread: int) -> float:
-    """Return the time for which a thread has had the processor [s]; 0 where the system does not say."""
+    """Return the time for which a thread has had the processor [s]; 0 if the system does not report it."""
     clock = getattr(time, "pthread_getcpuclockid", None)
     return 0.0 if clock is None else time.clock_gettime(clock(thread))

@@ -1,4 +1,4 @@
-"""ALTextToSpeech and ALAnimatedSpeech: speech takes its time and is logged, without a sound."""
+"""ALTextToSpeech and ALAnimatedSpeech: silent speech, which takes time and is logged."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from pepper_kin.naoqi.errors import quoted
 from pepper_kin.naoqi.module import Module
 
 LETTER_TIME = 0.06
-"""Time that a letter takes at speed 100 [s] (assumed: some 160 words a minute)."""
+"""Time for a letter at speed 100 [s] (assumed: some 160 words a minute)."""
 
 LONGEST = 60.0
-"""Longest time for one call [s]."""
+"""Maximum time for one call [s]."""
 
 _CONTEXT = re.compile(r"\^(\w+)\(([^)]*)\)")
 
@@ -23,12 +23,12 @@ MODES = {"disabled": 0, "random": 1, "contextual": 2}
 
 @dataclass(frozen=True)
 class Spoken:
-    """Something that was said.
+    """A spoken text.
 
     Attributes:
-        time: When [s].
-        text: Without tags.
-        language: In which.
+        time: Start time [s].
+        text: Text without tags.
+        language: Language of the text.
     """
 
     time: float
@@ -37,7 +37,7 @@ class Spoken:
 
 
 def plain(text: str) -> str:
-    """Return a text without the tags of speech and of animations."""
+    """Return a text without tags of speech and animations."""
     return " ".join(re.sub(r"\\[^\\]*\\", " ", _CONTEXT.sub(" ", text)).split())
 
 
@@ -47,7 +47,7 @@ def pause_in(text: str) -> float:
 
 
 class ALTextToSpeech(Module):
-    """Speech that takes the time of its letters; `spoken` lists it."""
+    """Speech, whose time depends on the number of letters; `spoken` lists it."""
 
     name = "ALTextToSpeech"
 
@@ -58,7 +58,7 @@ class ALTextToSpeech(Module):
         self._stopped = False
 
     def say(self, text: str, language: Any = None) -> None:
-        """Say a text; blocks as long as that takes."""
+        """Say a text; return when it is spoken."""
         if not isinstance(text, str):
             raise self.fail("say", f"text: got {quoted(text)}, expected a string")
         words = plain(text)
@@ -76,7 +76,7 @@ class ALTextToSpeech(Module):
         memory.raiseEvent("ALTextToSpeech/TextDone", 1)
 
     def sayToFile(self, text: str, fileName: str) -> None:
-        """Refuse: there is no sound to write."""
+        """Raise NaoqiError: the twin makes no sound."""
         raise self.fail("sayToFile", "is not simulated: the twin makes no sound")
 
     def stopAll(self) -> None:
@@ -95,13 +95,13 @@ class ALTextToSpeech(Module):
         self._parameters[str(pEffectName)] = self.number("setParameter", "pEffectValue", pEffectValue)
 
     def getParameter(self, pParameterName: str) -> float:
-        """Return a parameter."""
+        """Return the value of a parameter."""
         if pParameterName not in self._parameters:
             raise self.fail("getParameter", f"unknown parameter {quoted(pParameterName)}")
         return self._parameters[pParameterName]
 
     def resetSpeed(self) -> None:
-        """Speak at speed 100."""
+        """Set the speed to 100."""
         self._parameters["speed"] = 100.0
 
     def locale(self) -> str:
@@ -110,7 +110,7 @@ class ALTextToSpeech(Module):
 
 
 class ALAnimatedSpeech(Module):
-    """Speech with gestures: those that the text names, and others in the mode "contextual"."""
+    """Speech with gestures of the text; unless "disabled", long texts without gestures get one."""
 
     name = "ALAnimatedSpeech"
 
@@ -119,7 +119,7 @@ class ALAnimatedSpeech(Module):
         self._words: dict[str, list[str]] = {}
 
     def say(self, text: str, configuration: Any = None) -> None:
-        """Say a text with gestures ("^start(animations/Stand/Gestures/Hey_1) Hello"); blocks."""
+        """Say a text with gestures ("^start(animations/Stand/Gestures/Hey_1) Hello"); return when spoken."""
         if not isinstance(text, str):
             raise self.fail("say", f"text: got {quoted(text)}, expected a string")
         begun = ("start", "run", "startTag", "runTag")
@@ -141,7 +141,7 @@ class ALAnimatedSpeech(Module):
         return int(self.getBodyLanguageMode())
 
     def setBodyTalkEnabled(self, enable: bool) -> None:
-        """Say whether speech comes with gestures."""
+        """Set whether speech comes with gestures."""
         self.kept["mode",] = 2 if enable else 0
 
     setBodyLanguageEnabled = setBodyTalkEnabled
@@ -153,7 +153,7 @@ class ALAnimatedSpeech(Module):
     isBodyLanguageEnabled = isBodyTalkEnabled
 
     def setBodyLanguageModeFromStr(self, stringBodyLanguageMode: str) -> None:
-        """Choose "disabled", "random" or "contextual"."""
+        """Set the mode: "disabled", "random" or "contextual"."""
         if stringBodyLanguageMode not in MODES:
             known = ", ".join(MODES)
             raise self.fail(
@@ -162,7 +162,7 @@ class ALAnimatedSpeech(Module):
         self.kept["mode",] = MODES[stringBodyLanguageMode]
 
     def setBodyLanguageMode(self, bodyLanguageMode: int) -> None:
-        """Choose 0 (disabled), 1 (random) or 2 (contextual)."""
+        """Set the mode: 0 (disabled), 1 (random) or 2 (contextual)."""
         if bodyLanguageMode not in MODES.values():
             raise self.fail("setBodyLanguageMode", f"got {quoted(bodyLanguageMode)}, expected 0, 1 or 2")
         self.kept["mode",] = int(bodyLanguageMode)
@@ -172,11 +172,11 @@ class ALAnimatedSpeech(Module):
         return next(name for name, value in MODES.items() if value == self.getBodyLanguageMode())
 
     def addTagsToWords(self, tagsToWords: Any) -> None:
-        """Keep which words have which tags: {tag: [word, ...]}."""
+        """Store the words of tags, {tag: [word, ...]}."""
         self._words.update({str(tag): list(words) for tag, words in dict(tagsToWords).items()})
 
     def declareTagForAnimations(self, tagsToAnimations: Any) -> None:
-        """Give animations further tags: {tag: [animation, ...]}."""
+        """Declare further tags of animations, {tag: [animation, ...]}."""
         self.broker.module("ALAnimationPlayer").declareTagForAnimations(tagsToAnimations)
 
 

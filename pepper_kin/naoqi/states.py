@@ -1,6 +1,6 @@
-"""Modules that keep states.
+"""Modules that only keep states.
 
-Autonomous life, awareness, the system, the tablet, subscriptions to extractors.
+Autonomous life, awareness, system, battery, robot model, touch sensors and preferences.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ LIFE = ("solitary", "interactive", "safeguard", "disabled")
 
 
 class ALAutonomousLife(Module):
-    """The state of the autonomous life; the twin does nothing by itself."""
+    """The state of the autonomous life, which has no effect on the twin."""
 
     name = "ALAutonomousLife"
 
@@ -27,7 +27,7 @@ class ALAutonomousLife(Module):
         self.broker.memory.raiseEvent("AutonomousLife/State", state)
 
     def switchFocus(self, activity: str, *_: Any) -> None:
-        """Refuse: no activity is installed."""
+        """Raise NotSimulatedError: no activity is installed."""
         raise NotSimulatedError(self.name, "switchFocus", f"the activity {quoted(activity)} is not installed")
 
     def getAutonomousAbilitiesStatus(self) -> list[dict[str, Any]]:
@@ -40,7 +40,7 @@ class ALAutonomousLife(Module):
 
 
 class ALBasicAwareness(Module):
-    """The state of the awareness; nobody is around."""
+    """The state of the awareness, which never detects a person."""
 
     name = "ALBasicAwareness"
 
@@ -49,51 +49,51 @@ class ALBasicAwareness(Module):
         self._paused = False
 
     def isAwarenessRunning(self) -> bool:
-        """Return whether it runs."""
+        """Return whether the awareness runs."""
         return bool(self.isEnabled() and not self._paused)
 
     def isAwarenessPaused(self) -> bool:
-        """Return whether it is paused."""
+        """Return whether the awareness is paused."""
         return self._paused
 
     def isRunning(self, *arguments: Any) -> bool:
-        """Return whether it runs, or a posted call does."""
+        """Return whether the awareness, or the posted call with a number, runs."""
         return super().isRunning(*arguments) if arguments else self.isAwarenessRunning()
 
     def pauseAwareness(self) -> bool:
-        """Pause."""
+        """Pause the awareness; return True."""
         self._paused = True
         return True
 
     def resumeAwareness(self) -> bool:
-        """Go on."""
+        """Resume the awareness; return True."""
         self._paused = False
         return True
 
     def resetAllParameters(self) -> None:
-        """Forget the parameters."""
+        """Remove all parameters."""
         self.kept = {key: value for key, value in self.kept.items() if key[0] != "parameter"}
 
 
 class ALSystem(Module):
-    """Names and versions; the twin is never shut down by a script."""
+    """Names and versions; scripts cannot shut down the twin."""
 
     name = "ALSystem"
 
     def systemVersion(self) -> str:
-        """Return the version."""
+        """Return the version of NAOqi."""
         return VERSION
 
     def systemInfo(self) -> dict[str, str]:
-        """Return name and version."""
+        """Return name of the robot and version of NAOqi."""
         return {"name": self.robotName(), "version": VERSION}
 
     def reboot(self) -> None:
-        """Refuse."""
+        """Raise NotSimulatedError."""
         raise NotSimulatedError(self.name, "reboot", "scripts do not restart the twin")
 
     def shutdown(self) -> None:
-        """Refuse."""
+        """Raise NotSimulatedError."""
         raise NotSimulatedError(self.name, "shutdown", "scripts do not end the twin")
 
 
@@ -104,18 +104,18 @@ class ALBattery(Module):
 
 
 class ALRobotModel(Module):
-    """What the robot is and has."""
+    """The robot's type and equipment."""
 
     name = "ALRobotModel"
 
 
 class ALTouch(Module):
-    """Which touch sensors and bumpers are pressed."""
+    """The states of touch sensors and bumpers."""
 
     name = "ALTouch"
 
     def getSensorList(self) -> list[str]:
-        """Return the sensors, by the robot's names: "Head/Touch/Front"."""
+        """Return the robot's names of the sensors, as "Head/Touch/Front"."""
         return list(table("devices")["touches"])
 
     def getStatus(self) -> list[list[Any]]:
@@ -131,11 +131,11 @@ class ALPreferenceManager(Module):
     name = "ALPreferenceManager"
 
     def getValueList(self, domain: str) -> list[list[Any]]:
-        """Return [name, value] of a domain."""
+        """Return [name, value] of each preference of a domain."""
         return [[setting, value] for (_, other, setting), value in self.kept.items() if other == domain]
 
     def removeValue(self, domain: str, setting: str) -> None:
-        """Forget a preference."""
+        """Remove a preference."""
         self.kept.pop(("value", domain, setting), None)
 
     def getDomainList(self) -> list[str]:
@@ -143,12 +143,12 @@ class ALPreferenceManager(Module):
         return sorted({key[1] for key in self.kept})
 
     def removeDomainValues(self, domain: str) -> None:
-        """Forget the preferences of a domain."""
+        """Remove the preferences of a domain."""
         for key in [key for key in self.kept if key[1] == domain]:
             del self.kept[key]
 
     def setValues(self, values: dict[str, dict[str, Any]]) -> None:
-        """Keep preferences: {domain: {setting: value}}."""
+        """Set preferences, {domain: {setting: value}}."""
         for domain, settings in values.items():
             self.kept.update({("value", domain, setting): value for setting, value in settings.items()})
 

@@ -1,4 +1,4 @@
-"""Names and values of the robot with NAOqi, which are data: the files in `data/`, each read once."""
+"""Names and values of a robot with NAOqi, from the files in `data/`, each read once."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 
 @cache
 def table(name: str) -> Any:
-    """Return what data/<name>.json holds, which callers must not change."""
+    """Return the contents of data/<name>.json, which callers must not change."""
     return json.loads(_text(f"{name}.json"))
 
 

@@ -1,7 +1,7 @@
-"""Motion tasks: what moves which joints, who waits for whom, and how one is ended.
+"""Motion tasks and their queue.
 
-A task books joints.  A task for a booked joint waits until the joint is free; a reactive one (`setAngles`)
-takes the place of an earlier reactive one on its joints.
+A task uses joints.  Another task for a used joint waits until the joint is free; a reactive task
+(`setAngles`) takes its joints from earlier reactive tasks.
 """
 
 from __future__ import annotations
@@ -17,23 +17,23 @@ if TYPE_CHECKING:
 
 
 class BodyTask:
-    """Something that moves joints, cycle by cycle.
+    """A motion of joints, cycle by cycle.
 
     Args:
-        name: Name of the method that began it.
-        resources: Joints (and wheels) that it books.
-        reactive: Whether a later reactive task takes its joints away.
+        name: Name of the method that started the task.
+        resources: Joints (and wheels) that the task uses.
+        reactive: Whether a later reactive task may take joints away.
 
     Attributes:
-        thread: Which thread asked for it.
-        number: What `getTaskList` and `post` call it; 0 until it was handed to the tasks.
-        started: Whether it has its joints.
-        ended: Whether it is over.
-        killed: Whether somebody ended it.
-        begun: Whether its first cycle was prepared.
-        failure: What it raised.
-        error: Why it ended before its time; "" if it did not.
-        protected: Whether arms that it moves are kept from what they would touch.
+        thread: Identifier of the thread that created the task.
+        number: Number of the task for `getTaskList` and `killTask`; 0 before it is queued.
+        started: Whether the task has its joints.
+        ended: Whether the task has ended.
+        killed: Whether the task was ended by another call or task.
+        begun: Whether `start` was called.
+        failure: The error that the task raised, or None.
+        error: Reason of an early end; "" if there was none.
+        protected: Whether the arms that the task moves are protected from collisions.
     """
 
     def __init__(self, name: str, resources: Iterable[str], *, reactive: bool = False) -> None:
@@ -49,7 +49,7 @@ class BodyTask:
         self.protected = True
 
     def start(self, body: Body) -> None:
-        """Prepare, at the beginning of the first cycle."""
+        """Prepare the task, before its first cycle."""
 
     def step(self, body: Body) -> bool:
         """Write the commands of one cycle; return whether the task goes on."""
@@ -60,10 +60,10 @@ class BodyTask:
 
 
 class Call:
-    """A call that runs beside others.
+    """An asynchronous call.
 
     Args:
-        ticket: Number in the order of arrival, from 1; -1 lets it begin no more tasks.
+        ticket: Number in the order of arrival, from 1; with -1 the call starts no more tasks after a stop.
     """
 
     def __init__(self, ticket: int) -> None:
@@ -71,7 +71,7 @@ class Call:
 
 
 class Tasks:
-    """All tasks of a body, in the order in which they came."""
+    """All tasks of a body, in the order of arrival."""
 
     def __init__(self) -> None:
         self._tasks: list[BodyTask] = []
@@ -85,13 +85,13 @@ class Tasks:
 
     @property
     def booked(self) -> set[str]:
-        """Joints of the tasks that run."""
+        """Joints that running tasks use."""
         return {name for task in self._tasks if task.started for name in task.resources}
 
     def add(self, task: BodyTask) -> BodyTask:
         """Queue a task; a reactive one takes joints from earlier reactive ones.
 
-        One of a call that was made before its joints were stopped ends before it begins.
+        A task of a call that is older than the last stop of one of its joints ends before it starts.
         """
         self._number += 1
         task.number = self._number
@@ -108,11 +108,12 @@ class Tasks:
         return task
 
     def step(self, body: Body) -> None:
-        """Start what can be started, and let everything that runs write its commands."""
-        with self.within(None):  # whoever waits runs the cycles: what tasks begin is not of that call
+        """Start the tasks whose joints are free, and advance all running tasks by one cycle."""
+        with self.within(None):  # a waiting call may run the cycle, but does not own the tasks started in it
             self._step(body)
 
     def _step(self, body: Body) -> None:
+        """End killed tasks, start tasks whose joints are free, and step the started ones."""
         wanted: set[str] = set()
         for task in tuple(self._tasks):
             if task.killed:
@@ -134,7 +135,7 @@ class Tasks:
                     task.begun = True
                     task.start(body)
                 going = task.step(body)
-            except Exception as error:  # raised again where somebody waits for the task
+            except Exception as error:  # raised again by waits for the task
                 task.failure, going = error, False
             if not going:
                 self._end(task, body)
@@ -147,12 +148,12 @@ class Tasks:
             self._tasks.remove(task)
 
     def new_call(self) -> Call:
-        """Return a call that is made now, for `within`."""
+        """Return a new call, for `within`."""
         return Call(next(self._tickets))
 
     @contextlib.contextmanager
     def within(self, call: Call | None) -> Iterator[None]:
-        """Let what this thread does in the meantime be of a call that was made earlier, or of none."""
+        """Attribute this thread's tasks and stops to an earlier call, or to none, until the context ends."""
         before, self._thread.call = getattr(self._thread, "call", None), call
         try:
             yield
@@ -160,7 +161,7 @@ class Tasks:
             self._thread.call = before
 
     def stop(self, resources: Iterable[str] | None, body: Body) -> None:
-        """End all tasks, or those that use any of some joints, and what earlier calls hand over later."""
+        """End all tasks, or those that use or wait for given joints, and later tasks of earlier calls."""
         call = getattr(self._thread, "call", None)
         ticket = next(self._tickets) if call is None else call.ticket
         names: list[str | None] = [None] if resources is None else [*resources]
@@ -169,16 +170,16 @@ class Tasks:
         self.kill(self._tasks if resources is None else self.using([*resources]), body)
 
     def kill(self, tasks: Iterable[BodyTask], body: Body) -> None:
-        """End tasks now; brakes that they begin are not of the call that ends them."""
+        """End tasks now; tasks that they start in `finish` do not belong to the present call."""
         with self.within(None):
             for task in tuple(tasks):
                 task.killed = True
                 self._end(task, body)
 
     def by_number(self, number: int) -> BodyTask | None:
-        """Return the task with a number, or None where it is over."""
+        """Return the task with a number, or None if it has ended."""
         return next((task for task in self._tasks if task.number == number), None)
 
     def using(self, resources: Sequence[str]) -> list[BodyTask]:
-        """Return tasks that run or wait on any of these joints."""
+        """Return the tasks that use or wait for any of the joints."""
         return [task for task in self._tasks if task.resources & set(resources)]

@@ -1,8 +1,8 @@
-"""Threads that keep a clock, and threads that compute beside them.
+"""Scheduling of threads that keep a clock, and of threads that compute at the same time.
 
-A thread that wakes in time does not run in time: Linux lets another thread on the same core finish its time
-slice of some milliseconds first, and the more so the more often the woken one has run of late.  Neither
-function needs any privilege, nor changes what other programs get.
+A thread that wakes in time may run late: Linux lets another thread on the same core finish its time
+slice of some milliseconds first, more often if the woken thread has run much recently.  Neither
+function needs privileges or affects other programs.
 """
 
 from __future__ import annotations
@@ -16,20 +16,20 @@ import sys
 import threading
 
 SLICE = 100_000
-"""Time slice of a thread that wakes promptly [ns], the shortest that Linux grants."""
+"""Time slice of a thread that wakes promptly [ns]: the minimum of Linux."""
 
 PATIENCE = 5
-"""By how much `yield_to_others` raises the nice value."""
+"""Increment of the nice value by `yield_to_others`."""
 
 _SET_ATTRIBUTES = {"x86_64": 314, "aarch64": 274}
 """Number of the system call `sched_setattr`, which C libraries before glibc 2.41 lack."""
 
 
 def wake_promptly() -> bool:
-    """Ask for the shortest time slices for this thread; return whether the system has agreed.
+    """Request the shortest time slices for this thread; return whether the system has granted them.
 
-    Since Linux 6.12 a thread that wakes may interrupt one whose slices are longer.  Elsewhere, and for
-    threads that have a real-time policy already, nothing is changed.
+    Since Linux 6.12 a waking thread may interrupt one with longer slices.  On other systems, and for
+    threads with a real-time policy, nothing is changed.
     """
     number = _SET_ATTRIBUTES.get(platform.machine())
     if sys.platform != "linux" or number is None:
@@ -46,7 +46,7 @@ def wake_promptly() -> bool:
 
 
 def yield_to_others() -> None:
-    """Raise the nice value of this thread for good, where each thread has one (Linux)."""
+    """Raise the nice value of this thread permanently, on Linux, where each thread has its own."""
     if sys.platform == "linux":
         thread = threading.get_native_id()
         with contextlib.suppress(OSError):  # in some sandboxes

@@ -1,4 +1,4 @@
-"""ALTracker: looking and pointing at points, and following what has a place in the twin's world."""
+"""ALTracker: looking and pointing at points, and following targets with known positions."""
 
 from __future__ import annotations
 
@@ -27,21 +27,21 @@ ARMS: dict[str, tuple[str, ...]] = {
     "RArm": ("RArm",),
     "Arms": ("LArm", "RArm"),
 }
-"""Effector -> arms that point."""
+"""Name of an effector -> arms that point."""
 
 NEAR = 0.15
-"""How far from its place relative to the target the base may be [m]."""
+"""Deviation from the distance to the target up to which the base stays [m]."""
 
 
 class TrackTask(BodyTask):
-    """Head and arms follow a target; in the modes that move the base, this keeps it before the robot.
+    """Follow a target with head and arms, and with the base in the modes that move it.
 
-    Joints that another task moves, or waits for, are left to it until it is over.
+    Joints that another task uses or waits for are left to that task.
 
     Args:
-        tracker: Knows the place of the target.
-        target: Its name.
-        effector: The arm that points at it, "LArm" or "RArm", "Arms" or "None".
+        tracker: The tracker, which knows the target's position.
+        target: Name of the target.
+        effector: Arms that point at the target: "LArm", "RArm", "Arms" or "None".
     """
 
     def __init__(self, tracker: ALTracker, target: str, effector: str) -> None:
@@ -87,12 +87,12 @@ class TrackTask(BodyTask):
 
 
 def gaze_angles(body: Body, point: Array, *, whole_body: bool = False) -> dict[str, float]:
-    """Return the angles [rad] of the head (and of the hip) that turn the top camera to a point.
+    """Return the angles [rad] of the head (and the leg) that turn the top camera to a point.
 
     Args:
-        body: The robot.
-        point: In the world [m], shape (3,).
-        whole_body: Whether the hip turns, too.
+        body: The simulated body.
+        point: Point in the world [m], shape (3,).
+        whole_body: Whether hip and knee turn, too.
     """
     pepper, q, place = _seen_from_the_base(body, point)
     joints = [*HEAD, *LEG] if whole_body else list(HEAD)
@@ -101,11 +101,11 @@ def gaze_angles(body: Body, point: Array, *, whole_body: bool = False) -> dict[s
 
 
 def pointing_angles(body: Body, point: Array, effector: str) -> dict[str, float]:
-    """Return the angles [rad] of the arms that point at a point; none of "None".
+    """Return the angles [rad] of the arms that point at a point; empty for "None".
 
     Args:
-        body: The robot.
-        point: In the world [m], shape (3,).
+        body: The simulated body.
+        point: Point in the world [m], shape (3,).
         effector: "LArm", "RArm", "Arms" or "None".
     """
     pepper, q, place = _seen_from_the_base(body, point)
@@ -118,11 +118,11 @@ def pointing_angles(body: Body, point: Array, effector: str) -> dict[str, float]
 
 
 def _seen_from_the_base(body: Body, point: Array) -> tuple[PepperModel, Array, Array]:
-    """Return a Pepper that stands still, its commanded angles, shape (n,), and where it has a point [m].
+    """Return a fixed-base Pepper, its commanded angles, shape (n,), and a point in its base frame [m].
 
     Args:
-        body: The robot, which may have moved.
-        point: In the world [m], shape (3,).
+        body: The simulated body, whose base may have moved.
+        point: Point in the world [m], shape (3,).
     """
     inverse = np.linalg.inv(body.frame_pose("base_footprint", False))
     place = inverse[:3, :3] @ np.asarray(point, dtype=float) + inverse[:3, 3]
@@ -132,7 +132,7 @@ def _seen_from_the_base(body: Body, point: Array) -> tuple[PepperModel, Array, A
 class ALTracker(Module):
     """Looking at, pointing at and following targets.
 
-    Targets have the place that `place_target` gives them, or that of the object of the scene with their name.
+    The position of a target is set by `place_target`, or is that of the same-named object in the scene.
     """
 
     name = "ALTracker"
@@ -146,15 +146,15 @@ class ALTracker(Module):
 
     @property
     def distance(self) -> float:
-        """How far before a target the base stays [m]."""
+        """Distance of the base from a target [m]."""
         return math.hypot(self._relative[0], self._relative[1])
 
     def place_target(self, name: str, point: Any) -> None:
-        """Put a target somewhere in the world [m]: what a face or a ball is detected at."""
+        """Set the position of a target in the world [m], in place of the detection of a face or a ball."""
         self._places[name] = np.asarray(self.numbers("place_target", "point", point, 3))
 
     def place_of(self, name: str) -> Array | None:
-        """Return where a target is in the world [m], or None where nothing is known of it."""
+        """Return the position of a target in the world [m], or None if it is unknown."""
         if name in self._places:
             return self._places[name]
         scene = self.body.scene
@@ -164,7 +164,7 @@ class ALTracker(Module):
     # Looking and pointing.
 
     def lookAt(self, position: Any, *arguments: Any) -> None:
-        """Look at a point: (position, frame, share of speed, with the whole body); blocks."""
+        """Look at a point by (position, frame, fraction of speed, with the whole body); return when done."""
         method = "lookAt"
         frame, share, whole = self._look_arguments(method, arguments)
         with self.body.time.lock:
@@ -172,7 +172,7 @@ class ALTracker(Module):
         self.broker.motion.move_together(method, angles, share)
 
     def pointAt(self, effector: str, position: Any, *arguments: Any) -> None:
-        """Point with "LArm", "RArm" or "Arms" at a point: (..., frame, share of speed); blocks."""
+        """Point at a point with "LArm", "RArm" or "Arms" (frame, fraction of speed); return when done."""
         method = "pointAt"
         frame, maxSpeed = arguments if len(arguments) == 2 else (0, *arguments)
         if effector not in ("LArm", "RArm", "Arms"):
@@ -183,7 +183,7 @@ class ALTracker(Module):
         self.broker.motion.move_together(method, angles, share)
 
     def _look_arguments(self, method: str, arguments: tuple[Any, ...]) -> tuple[int, float, bool]:
-        if len(arguments) == 2:  # the old form: share of speed, with the whole body
+        if len(arguments) == 2:  # the old form: fraction of speed, with the whole body
             return 0, self.share(method, "fractionMaxSpeed", arguments[0]), bool(arguments[1])
         if len(arguments) != 3:
             raise self.fail(method, f"got {len(arguments) + 1} arguments, expected 3 or 4")
@@ -201,29 +201,29 @@ class ALTracker(Module):
         self._targets[str(pTarget)] = pParams
 
     def unregisterTarget(self, pTarget: str) -> None:
-        """Forget a target."""
+        """Remove a target."""
         self._targets.pop(pTarget, None)
 
     def unregisterTargets(self, pTarget: Any) -> None:
-        """Forget targets."""
+        """Remove targets."""
         for name in pTarget:
             self.unregisterTarget(name)
 
     def unregisterAllTargets(self) -> None:
-        """Forget all targets."""
+        """Remove all targets."""
         self._targets.clear()
 
     def getRegisteredTargets(self) -> list[str]:
-        """Return the targets that are registered."""
+        """Return the registered targets."""
         return list(self._targets)
 
     def getSupportedTargets(self) -> list[str]:
-        """Return the targets that have a place, and those that NAOqi knows."""
+        """Return NAOqi's targets, and the targets and objects with a position."""
         scene = [] if self.body.scene is None else list(self.body.scene.objects)
         return ["RedBall", "Face", "LandMark", "LandMarks", "People", "Sound", *self._places, *scene]
 
     def track(self, pTarget: str) -> None:
-        """Follow a registered target until `stopTracker`; returns at once."""
+        """Follow a registered target until `stopTracker`; return at once."""
         if pTarget not in self._targets:
             known = ", ".join(self._targets) or "(none)"
             raise self.fail("track", f"{quoted(pTarget)} is not registered; registered: {known}")
@@ -232,7 +232,7 @@ class ALTracker(Module):
         self.body.do(self._task)
 
     def stopTracker(self) -> None:
-        """Follow no longer."""
+        """Stop following the target."""
         with self.body.time.lock:
             if self._task is not None:
                 tasks = [self._task, *(t for t in self.body.tasks if t.name == "trackMove")]
@@ -244,19 +244,19 @@ class ALTracker(Module):
         return self._task is not None and not self._task.ended
 
     def getActiveTarget(self) -> str:
-        """Return the target that is followed."""
+        """Return the target that is followed, or ""."""
         return "" if self._task is None else self._task.target
 
     def isTargetLost(self) -> bool:
-        """Return whether nothing is known of the place of the target."""
+        """Return whether the position of the target is unknown."""
         return self._task is None or self.place_of(self._task.target) is None
 
     def isNewTargetDetected(self) -> bool:
-        """Return whether the target has a place."""
+        """Return whether the position of the target is known."""
         return not self.isTargetLost()
 
     def getTargetPosition(self, pFrame: int = 0) -> list[float]:
-        """Return the place of the target in a frame [m]; empty where nothing is known of it."""
+        """Return the position of the target in a frame [m]; empty if it is unknown."""
         point = None if self._task is None else self.place_of(self._task.target)
         if point is None:
             return []
@@ -270,13 +270,13 @@ class ALTracker(Module):
     # Settings.
 
     def setMode(self, pMode: str) -> None:
-        """Choose what moves: "Head", "BodyRotation", "WholeBody", "Move"."""
+        """Set the mode: "Head", "BodyRotation", "WholeBody", "Move", ..."""
         if pMode not in MODES:
             raise self.fail("setMode", f"mode: got {quoted(pMode)}, expected one of {', '.join(MODES)}")
         self.kept["mode",] = pMode
 
     def setEffector(self, pEffector: str) -> None:
-        """Choose what points at the target: "None", "LArm", "RArm", "Arms"."""
+        """Set the arms that point at the target: "None", "LArm", "RArm" or "Arms"."""
         if pEffector not in ARMS:
             raise self.fail("setEffector", f"got {quoted(pEffector)}, expected {', '.join(ARMS)}")
         self.kept["effector",] = pEffector
@@ -284,23 +284,23 @@ class ALTracker(Module):
             self.track(self._task.target)
 
     def removeEffector(self, pEffector: str) -> None:
-        """Point at the target with nothing."""
+        """Stop pointing at the target."""
         self.setEffector("None")
 
     def setRelativePosition(self, target: Any) -> None:
-        """Set where the base stays, [distance X, Y, angle, thresholds] from the target."""
+        """Set the position of the base relative to the target: [distance X, Y, angle, thresholds]."""
         self._relative = self.numbers("setRelativePosition", "target", target)
 
     def getRelativePosition(self) -> list[float]:
-        """Return where the base stays from the target."""
+        """Return the position of the base relative to the target."""
         return list(self._relative)
 
     def getTimeOut(self) -> int:
-        """Return after which time a target is lost [ms]."""
+        """Return the time after which a target counts as lost [ms]."""
         return int(self.kept.get(("TimeOut",), 1000.0))
 
     def initialize(self) -> None:
-        """Forget targets and settings."""
+        """Stop following, and remove targets and settings."""
         self.stopTracker()
         self._targets.clear()
         self.kept.update({("mode",): "Head", ("effector",): "None"})

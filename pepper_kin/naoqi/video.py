@@ -1,4 +1,4 @@
-"""ALVideoDevice: pictures of the twin's cameras."""
+"""ALVideoDevice: images of the twin's cameras."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ RESOLUTIONS = {0: (160, 120), 1: (320, 240), 2: (640, 480), 3: (1280, 960), 7: (
 """Number of a resolution -> width and height [pixels]."""
 
 DRAWN = {0: "QQVGA", 1: "QVGA", 2: "VGA"}
-"""Resolutions that the twin's cameras have; others are scaled from the nearest."""
+"""Resolutions that the twin's cameras have; other resolutions are scaled from one of them."""
 
 LAYERS = {0: 1, 9: 2, 10: 3, 11: 3, 12: 3, 13: 3, 17: 2, 19: 12, 21: 2, 23: 2}
 """Number of a color space -> bytes of a pixel.
@@ -38,7 +38,7 @@ _COLOR = {
     8: (0, 1, 0), 11: (0, 1, 1), 12: (0, 1, 1), 13: (0, 1, 1), 17: (0, 65536, 0), 35: (0, 1, 0),
 }  # fmt: skip
 PARAMETERS = {0: _COLOR, 1: _COLOR, 2: {14: (0, 2, 1), 15: (1, 20, 1), 35: (0, 1, 0)}}
-"""Camera -> documented parameter -> least, most, and first value; gain and exposure have none documented."""
+"""Camera -> parameter -> minimum, maximum and default, as documented; for gain and exposure nothing is."""
 
 SELECT = 18
 """The parameter that chooses the active camera."""
@@ -46,13 +46,13 @@ SELECT = 18
 
 @dataclass
 class VideoSubscription:
-    """Somebody who looks through a camera.
+    """A subscription to a camera.
 
     Attributes:
-        camera: Its index.
-        resolution: Its number.
-        color_space: Its number.
-        fps: Pictures a second.
+        camera: Index of the camera.
+        resolution: Number of the resolution.
+        color_space: Number of the color space.
+        fps: Images a second.
     """
 
     camera: int
@@ -62,7 +62,7 @@ class VideoSubscription:
 
 
 class ALVideoDevice(Module):
-    """Cameras: subscriptions, and pictures that are drawn when they are asked for."""
+    """Cameras: subscriptions, and images that are rendered on request."""
 
     name = "ALVideoDevice"
 
@@ -73,7 +73,7 @@ class ALVideoDevice(Module):
         self._pictures: dict[tuple[int, int], tuple[float, NDArray[Any]]] = {}
         self._parameters: dict[tuple[int, int], int] = {}
         self._active = 0
-        # A separate thread, so that cycles need not wait for a time slice of it.
+        # A separate thread with a low priority, so that rendering does not delay the cycles.
         self._drawing = ThreadPoolExecutor(1, f"{OWN_THREADS}-camera", yield_to_others)
 
     def subscribeCamera(self, name: str, cameraIndex: int, resolution: int, colorSpace: int, fps: int) -> str:
@@ -107,24 +107,25 @@ class ALVideoDevice(Module):
         return self._subscriptions.pop(handle, None) is not None
 
     def unsubscribeAllInstances(self, name: str) -> bool:
-        """End all subscriptions of somebody."""
+        """End all subscriptions of a name; return whether there were any."""
         handles = [h for h in self._subscriptions if h.rsplit("_", 1)[0] == name]
         for handle in handles:
             del self._subscriptions[handle]
         return bool(handles)
 
     def getSubscribers(self) -> list[str]:
-        """Return the subscriptions."""
+        """Return the names of the subscriptions."""
         return list(self._subscriptions)
 
     def getImageRemote(self, handle: str) -> list[Any]:
-        """Return a picture as the robot does.
+        """Return an image in the robot's format.
 
         [width, height, layers, color space, s, us, bytes, camera, left, top, right and bottom angle (rad)]
         """
         return self._image(self._subscription("getImageRemote", handle))
 
     def _image(self, subscription: VideoSubscription) -> list[Any]:
+        """Return an image of a subscription in the robot's format; see `getImageRemote`."""
         width, height = RESOLUTIONS[subscription.resolution]
         stamp = self.broker.wall_time()
         data = self._drawn(subscription)
@@ -149,21 +150,21 @@ class ALVideoDevice(Module):
     getImageLocal = getImageRemote
 
     def releaseImage(self, handle: str) -> bool:
-        """Let a picture go."""
+        """Return whether the subscription exists; there is no image to release."""
         return handle in self._subscriptions
 
     def setFrameRate(self, handle: str, fps: int) -> bool:
-        """Change the pictures a second of a subscription."""
+        """Set the images a second of a subscription."""
         for subscription in self._all("setFrameRate", handle):
             subscription.fps = int(self.number("setFrameRate", "fps", fps))
         return True
 
     def getActiveCamera(self, *handle: str) -> int:
-        """Return the camera of a subscription, or that which `subscribe` takes."""
+        """Return the camera of a subscription, or the active camera, which `subscribe` uses."""
         return self._subscription("getActiveCamera", handle[0]).camera if handle else self._active
 
     def setActiveCamera(self, *arguments: Any) -> bool:
-        """Choose the camera of a subscription, or that which `subscribe` takes."""
+        """Set the camera of a subscription, or the active camera, which `subscribe` uses."""
         if len(arguments) == 2:
             return self._write("setActiveCamera", *arguments, "camera")
         self._active = self._known("setActiveCamera", "camera", arguments[-1], CAMERAS)
@@ -180,11 +181,11 @@ class ALVideoDevice(Module):
     openCamera = closeCamera = startCamera = stopCamera = startFrameGrabber = stopFrameGrabber = isCameraOpen
 
     def isCameraStarted(self, cameraIndex: int) -> bool:
-        """Return whether somebody looks through a camera."""
+        """Return whether a camera has a subscription."""
         return any(cameraIndex == each.camera for all_ in self._subscriptions.values() for each in all_)
 
     def isFrameGrabberOff(self, cameraIndex: int) -> bool:
-        """Return whether nobody looks through a camera."""
+        """Return whether a camera has no subscription."""
         return not self.isCameraStarted(cameraIndex)
 
     def getCameraModel(self, cameraIndex: int) -> int:
@@ -192,7 +193,7 @@ class ALVideoDevice(Module):
         return 4 if self._known("getCameraModel", "cameraIndex", cameraIndex, CAMERAS) == 2 else 3
 
     def setParameter(self, cameraIndex: int, parameter: int, value: int) -> bool:
-        """Keep a parameter of a camera; pictures do not change."""
+        """Set a parameter of a camera, without effect on images."""
         self._parameters[int(cameraIndex), int(parameter)] = int(value)
         return True
 
@@ -206,47 +207,47 @@ class ALVideoDevice(Module):
         return list(PARAMETERS[self._known("getParameterList", "cameraIndex", cameraIndex, CAMERAS)])
 
     def getParameterRange(self, cameraIndex: int, parameter: int) -> list[int]:
-        """Return the least and the most value of a documented parameter."""
+        """Return the minimum and maximum of a documented parameter."""
         method = "getParameterRange"
         known = PARAMETERS[self._known(method, "cameraIndex", cameraIndex, CAMERAS)]
         return list(known[self._known(method, "parameter", parameter, known)][:2])
 
     def setParameterToDefault(self, cameraIndex: int, parameter: int) -> bool:
-        """Forget a parameter of a camera."""
+        """Reset a parameter of a camera to its default."""
         self._parameters.pop((int(cameraIndex), int(parameter)), None)
         return True
 
     def setParam(self, parameter: int, value: int, *camera: int) -> bool:
-        """Keep a parameter of the active camera, or another; the parameter 18 chooses the active one."""
+        """Set a parameter of the active or another camera; parameter 18 selects the active camera."""
         if parameter == SELECT:
             return self.setActiveCamera(value)
         return self.setParameter(camera[0] if camera else self._active, parameter, value)
 
     def getParam(self, parameter: int, *camera: int) -> int:
-        """Return a parameter of the active camera, or another."""
+        """Return a parameter of the active or another camera."""
         return self.getParameter(camera[0] if camera else self._active, parameter)
 
     def setAllParametersToDefault(self, cameraIndex: int) -> bool:
-        """Forget the parameters of a camera."""
+        """Reset the parameters of a camera to their defaults."""
         self._parameters = {k: v for k, v in self._parameters.items() if k[0] != cameraIndex}
         return True
 
     def getAngularPositionFromImagePosition(self, cameraIndex: int, imgPos: Any) -> list[float]:
-        """Return the angles [rad] of a place in the picture (0 to 1 from the left and from the top)."""
+        """Return the yaw and pitch [rad] of an image position (0 to 1 from the left and from the top)."""
         method = "getAngularPositionFromImagePosition"
         x, y = self.numbers(method, "imgPos", imgPos, 2)
         fx, fy = self._lens(method, cameraIndex)
         return [float(np.arctan((0.5 - x) / fx)), float(np.arctan((y - 0.5) / fy))]
 
     def getImagePositionFromAngularPosition(self, cameraIndex: int, angPos: Any) -> list[float]:
-        """Return the place in the picture (0 to 1 from the left and from the top) of angles [rad]."""
+        """Return the image position (0 to 1 from the left and from the top) of yaw and pitch [rad]."""
         method = "getImagePositionFromAngularPosition"
         yaw, pitch = self.numbers(method, "angPos", angPos, 2)
         fx, fy = self._lens(method, cameraIndex)
         return [0.5 - float(np.tan(yaw)) * fx, 0.5 + float(np.tan(pitch)) * fy]
 
     def getAngularSizeFromImageSize(self, cameraIndex: int, imgSize: Any) -> list[float]:
-        """Return the angles [rad] that a size in the picture (shares of it) has in its middle."""
+        """Return the angular size [rad] of a size in the image (fractions of it), centered in the image."""
         method = "getAngularSizeFromImageSize"
         sizes = self.numbers(method, "imgSize", imgSize, 2)
         return [
@@ -255,7 +256,7 @@ class ALVideoDevice(Module):
         ]
 
     def getImageSizeFromAngularSize(self, cameraIndex: int, angSize: Any) -> list[float]:
-        """Return the size in the picture (shares of it) of angles [rad] in its middle."""
+        """Return the size in the image (fractions of it) of an angular size [rad], centered in the image."""
         method = "getImageSizeFromAngularSize"
         angles = self.numbers(method, "angSize", angSize, 2)
         return [
@@ -264,7 +265,7 @@ class ALVideoDevice(Module):
         ]
 
     def getImageInfoFromAngularInfo(self, cameraIndex: int, angInfo: Any) -> list[float]:
-        """Return place and size in the picture, as shares of it, of angles and angular sizes [rad]."""
+        """Return position and size in the image, as fractions of it, of angles and angular sizes [rad]."""
         angles = self.numbers("getImageInfoFromAngularInfo", "angInfo", angInfo, 4)
         place = self.getImagePositionFromAngularPosition(cameraIndex, angles[:2])
         return place + self.getImageSizeFromAngularSize(cameraIndex, angles[2:])
@@ -272,7 +273,7 @@ class ALVideoDevice(Module):
     def getImageInfoFromAngularInfoWithResolution(
         self, cameraIndex: int, angInfo: Any, resolution: int
     ) -> list[float]:
-        """Return place and size in the picture [pixels] of angles and angular sizes [rad]."""
+        """Return position and size in the image [pixels] of angles and angular sizes [rad]."""
         shares = self.getImageInfoFromAngularInfo(cameraIndex, angInfo)
         known = self._known(
             "getImageInfoFromAngularInfoWithResolution", "resolution", resolution, RESOLUTIONS
@@ -280,15 +281,15 @@ class ALVideoDevice(Module):
         return [share * pixels for share, pixels in zip(shares, RESOLUTIONS[known] * 2, strict=True)]
 
     def getHorizontalFOV(self, cameraIndex: int) -> float:
-        """Return how wide the picture is [rad]."""
+        """Return the horizontal field of view [rad]."""
         return self.getAngularSizeFromImageSize(cameraIndex, [1.0, 1.0])[0]
 
     def getVerticalFOV(self, cameraIndex: int) -> float:
-        """Return how high the picture is [rad]."""
+        """Return the vertical field of view [rad]."""
         return self.getAngularSizeFromImageSize(cameraIndex, [1.0, 1.0])[1]
 
     def _lens(self, method: str, camera: Any) -> tuple[float, float]:
-        """Return the focal lengths, as shares of the width and height of the picture."""
+        """Return the focal lengths, as fractions of the image's width and height."""
         lens = camera_intrinsics(CAMERAS[self._known(method, "cameraIndex", camera, CAMERAS)], "QVGA")
         return lens.fx / 320.0, lens.fy / 240.0
 
@@ -300,7 +301,7 @@ class ALVideoDevice(Module):
         """Return the resolution of a width and height [pixels]; -1 if there is none."""
         return next((number for number, sizes in RESOLUTIONS.items() if sizes == (width, height)), -1)
 
-    # What the rows of the table hand over: the last argument comes from there.
+    # Targets of rows of `data/simple_methods.csv`, which add the last argument.
 
     def _read(self, method: str, handle: Any, what: str) -> int:
         return int(getattr(self._subscription(method, handle), what))
@@ -336,7 +337,7 @@ class ALVideoDevice(Module):
         return [self._image(subscription) for subscription in self._all(method, handle)]
 
     def _raw_images(self, method: str, handle: Any) -> list[list[Any]]:
-        """Return pictures in the color spaces of the cameras: YUV422, or depth."""
+        """Return images in the native color space of each camera: YUV422 or depth."""
         raw = [replace(each, color_space=17 if each.camera == 2 else 9) for each in self._all(method, handle)]
         return [self._image(subscription) for subscription in raw]
 
@@ -346,13 +347,13 @@ class ALVideoDevice(Module):
     def _released(self, method: str, handle: Any) -> list[bool]:
         return [True for _ in self._all(method, handle)]
 
-    # Pictures.
+    # Images.
 
     def _subscription(self, method: str, handle: Any) -> VideoSubscription:
         return self._all(method, handle)[0]
 
     def _all(self, method: str, handle: Any) -> list[VideoSubscription]:
-        """Return the subscriptions of a name, one for each of its cameras, or those of a camera's index."""
+        """Return the subscriptions of a name, one per camera, or all subscriptions to a camera's index."""
         looking = self._subscriptions
         found = looking.get(handle) or [
             each for all_ in looking.values() for each in all_ if each.camera == handle
@@ -369,11 +370,11 @@ class ALVideoDevice(Module):
         return number
 
     def _picture(self, camera: int, resolution: int, q: NDArray[np.float64]) -> NDArray[Any]:
-        """Return what a camera sees, colors or distances; drawn at most once a cycle.
+        """Return a camera's image, colors or distances [m]; rendered at most once a cycle.
 
         Args:
-            camera: Its index.
-            resolution: Its number.
+            camera: Index of the camera.
+            resolution: Number of the resolution.
             q: Joint positions [rad or m], shape (n,).
         """
         drawn = resolution if resolution in DRAWN else 2 if resolution == 3 else 0
@@ -391,13 +392,13 @@ class ALVideoDevice(Module):
         return picture if picture.shape[:2] == (height, width) else picture[rows][:, columns]
 
     def _drawn(self, subscription: VideoSubscription) -> bytes:
-        """Return the pixels of a picture of now."""
+        """Return the pixels of a present image."""
         with self.body.time.lock:
             q = self.body.configuration(True)
         return self._drawing.submit(self._pixels, subscription, q).result()
 
     def _pixels(self, subscription: VideoSubscription, q: NDArray[np.float64]) -> bytes:
-        """Return the pixels of a picture at q [rad or m], shape (n,)."""
+        """Return the pixels of an image at q [rad or m], shape (n,)."""
         space = subscription.color_space
         picture = self._picture(subscription.camera, subscription.resolution, q)
         if subscription.camera == 2:
@@ -422,7 +423,7 @@ class ALVideoDevice(Module):
         raise self.fail("getImageRemote", f"the color space {space} is one of the depth camera")
 
     def _depth_pixels(self, depth: NDArray[Any], space: int) -> bytes:
-        """Return distances [m], shape (height, width), as bytes of a color space."""
+        """Convert distances [m], shape (height, width), to bytes of a color space."""
         finite = np.where(np.isfinite(depth), depth, 0.0)
         if space == 19:
             height, width = depth.shape

@@ -9,9 +9,9 @@ from pepper_kin.naoqi.module import Module
 
 
 class MotionWatchdogModule(Module):
-    """Passes commands of clients on, and stops joints and base when one falls silent.
+    """Service that forwards clients' commands, and stops joints and base when heartbeats are missing.
 
-    A robot has it only where `pepper_kin/naoqi/on_robot.py` runs beside NAOqi.
+    A real robot has it only while `pepper_kin/naoqi/on_robot.py` runs on it.
     """
 
     name = on_robot.NAME
@@ -21,11 +21,11 @@ class MotionWatchdogModule(Module):
         self.watchdog = on_robot.MotionWatchdog(broker.motion)
 
     def protocol(self) -> int:
-        """Return the version of these methods."""
+        """Return the version of the methods."""
         return self.watchdog.protocol()
 
     def arm(self, seconds: float, joints: Any, base: Any) -> int:
-        """Watch a motion: longest silence [s], joints it moves, whether the base; return its token."""
+        """Watch a motion with its maximum silence [s], joints and use of the base; return its token."""
         limit = self.number("arm", "seconds", seconds)
         try:
             return self.watchdog.arm(limit, list(joints), base)
@@ -33,26 +33,26 @@ class MotionWatchdogModule(Module):
             raise self.fail("arm", str(error)) from error
 
     def command(self, token: int, number: int, calls: Any) -> str:
-        """Pass calls of "setAngles" and "move" on; return the motion's state."""
+        """Forward calls of "setAngles" and "move"; return the motion's state."""
         token, number = self._whole("command", token=token, number=number)
         return self.watchdog.command(token, number, calls)
 
     def add(self, token: int, number: int, part: Any) -> str:
-        """Keep a part of the times and keys of `start`; return the motion's state."""
+        """Store a part of the times and keys for `start`; return the motion's state."""
         token, number = self._whole("add", token=token, number=number)
         return self.watchdog.add(token, number, part)
 
     def start(self, token: int, number: int, method: str, arguments: Any) -> str:
-        """Begin "moveTo" or "angleInterpolationBezier"; return the motion's state."""
+        """Start "moveTo" or "angleInterpolationBezier"; return the motion's state."""
         token, number = self._whole("start", token=token, number=number)
         return self.watchdog.start(token, number, str(method), arguments)
 
     def beat(self, token: int) -> str:
-        """Say that a client is there; return the motion's state."""
+        """Record a heartbeat of the client; return the motion's state."""
         return self.watchdog.beat(*self._whole("beat", token=token))
 
     def release(self, token: int) -> str:
-        """Watch a motion no longer; return its state."""
+        """Stop watching a complete motion; return its state."""
         return self.watchdog.release(*self._whole("release", token=token))
 
     def halt(self, token: int, why: str) -> str:

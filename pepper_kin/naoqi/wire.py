@@ -1,4 +1,4 @@
-"""Services of libqi made of modules: signatures, conversion of values, and the calls that are under way."""
+"""Modules as services of libqi: signatures, conversion of values, and running calls."""
 
 from __future__ import annotations
 
@@ -19,37 +19,37 @@ from pepper_kin.naoqi.tables import table
 from pepper_kin.naoqi.tasks import Tasks
 
 ARRIVING = ("moveTo", "walkTo")
-"""Methods that say whether they arrived, which the list calls void and the documents do not."""
+"""Methods that return whether the base arrived: void in the robot's list, but not in the documents."""
 
 PICTURE = "(iiiiiiriffff)"
-"""What the methods that return a picture return: only declared bytes cross the wire as bytes."""
+"""Signature of the result of methods that return an image: bytes are sent as bytes only if declared."""
 
 RETURNS = {"getImageRemote": PICTURE, "getImageLocal": PICTURE}
 
 MOST_ARGUMENTS = 6
-"""Arguments that a method with any number of them takes over the wire."""
+"""Maximum number of arguments over the wire of a method with variable arguments."""
 
 
 READING = ("get", "is", "has", "are", "ping", "version", "wait")
-"""Beginnings of the names of methods that change nothing."""
+"""Prefixes of the names of methods that change nothing."""
 
 NAMELESS = 0.2
-"""Time that is left to libqi to let go of objects without a name, of which it keeps some [s]."""
+"""Maximum time to wait for libqi to release unregistered objects, of which it keeps some [s]."""
 
 
 def only_reads(method: str) -> bool:
-    """Return whether a method, by its name, changes nothing on the robot."""
+    """Return whether a method changes nothing on the robot, judged by its name."""
     return method in table("wire")["reading"] or any(
         method == word or (method.startswith(word) and method[len(word)].isupper()) for word in READING
     )
 
 
 class Wire:
-    """Everything that libqi may call in this process, so that it can be ended before Python is.
+    """All objects that libqi may call in this process, which are released before Python ends.
 
-    A thread of libqi that enters Python while Python ends is ended in the middle of C++, which aborts the
-    process.  `close` therefore refuses new calls, and waits for those under way and for libqi to let go of
-    all objects.
+    A thread of libqi that enters Python while Python ends is killed inside C++, which aborts the process.
+    `close` therefore refuses new calls, waits for running calls, and waits until libqi has released all
+    objects.
 
     Args:
         qi: The module `qi`.
@@ -66,12 +66,12 @@ class Wire:
         self._subscribers: dict[Subscriber, tuple[Any, int]] = {}
 
     def service(self, module: Module, *, locked: bool = False, named: bool = True) -> Any:
-        """Return an object that libqi can register: each method with each number of arguments it takes.
+        """Return an object that libqi can register, with each method for each number of its arguments.
 
         Args:
-            module: A module.
-            locked: Whether methods that change something are refused.
-            named: Whether it will be registered; otherwise a call returns it.
+            module: Module of the broker.
+            locked: Whether methods that change anything are refused.
+            named: Whether the object will be registered; otherwise it is a call's result.
         """
         methods: dict[str, Any] = {}
         for name, signature, returns in wire_methods(module):
@@ -94,7 +94,7 @@ class Wire:
         return made
 
     def object_of(self, name: str, methods: dict[str, Callable[..., Any]]) -> Any:
-        """Return an object that a call can return: functions by name, which take one text each."""
+        """Return an object as a call's result, with functions by name, each of one string."""
         bound = {}
         for method, call in methods.items():
             function = self._caller(call, 1, "o", f"{name}::{method}")
@@ -112,15 +112,15 @@ class Wire:
         return kind()
 
     def refuse(self) -> None:
-        """Refuse calls from now on."""
+        """Refuse further calls."""
         with self._lock:
             self._closing = True
 
     def close(self, seconds: float) -> bool:
-        """Refuse calls, wait for those under way and until libqi holds no object; return whether so.
+        """Refuse calls, and wait until running calls and libqi's objects are gone; return whether they are.
 
         Args:
-            seconds: The longest time to wait.
+            seconds: Maximum time to wait [s].
         """
         end = time.monotonic() + seconds
         self.refuse()
@@ -129,7 +129,7 @@ class Wire:
         while self._subscribers:
             subscriber, kept = self._subscribers.popitem()
             subscriber.signal.disconnect(kept[1])
-            del kept  # the last reference to what libqi was given
+            del kept  # the last reference to libqi's object
         while self._kinds:
             kind, names = self._kinds.pop()
             for name in names:
@@ -139,17 +139,17 @@ class Wire:
         return idle and not len(self._services)
 
     def _wait_for(self, objects: weakref.WeakSet[Any], end: float) -> None:
-        """Wait until there is none of these objects any more, or a time is over [s]."""
+        """Wait until all objects are deleted, or until a time on the monotonic clock [s]."""
         while len(objects) and time.monotonic() < end:
             time.sleep(0.005)
 
     def _caller(
         self, method: Callable[..., Any], count: int, returns: str, where: str, tasks: Tasks | None = None
     ) -> Any:
-        """Return a function with exactly so many arguments, which libqi can bind.
+        """Return a function with exactly `count` arguments, which libqi can bind.
 
-        Errors keep their text; those that do not name the method get its name, `where`, before it.  What is
-        stopped among `tasks` while a call is on its way to them does not begin.
+        Errors keep their text; the method's name, `where`, precedes texts without it.  Tasks of a call do not
+        start if their joints were stopped in `tasks` after the call arrived.
         """
 
         def call(*arguments: Any) -> Any:
@@ -177,16 +177,16 @@ class Wire:
         names = ", ".join(f"a{k}" for k in range(count))
         space: dict[str, Any] = {"call": call}
         exec(f"def bound(self{', ' if names else ''}{names}):\n    return call({names})", space)
-        return space.pop("bound")  # `space` is all that the function sees: together they would be a cycle
+        return space.pop("bound")  # `space` is the function's globals: `bound` in it would be a cycle
 
     def _failed(self, reason: str) -> Any:
-        """Return a future of libqi with an error, which keeps the text as it is."""
+        """Return a future of libqi with an error, which keeps the text unchanged."""
         promise = self.qi.Promise()
         promise.setError(reason)
         return promise.future()
 
     def value(self, value: Any) -> Any:
-        """Return a value as libqi sends it."""
+        """Convert a value to one that libqi can send."""
         if isinstance(value, Subscriber):
             return self._subscriber(value)
         if isinstance(value, np.generic):
@@ -196,7 +196,7 @@ class Wire:
         return value
 
     def _subscriber(self, subscriber: Subscriber) -> Any:
-        """Return the object of libqi with the signal of an event, made once."""
+        """Return the libqi object with the signal of an event, created once."""
         with self._lock:
             if subscriber not in self._subscribers:
                 made = type("Subscriber", (), {})()
@@ -208,7 +208,7 @@ class Wire:
 
 
 def _locked(module: str, name: str) -> Callable[..., Any]:
-    """Return a function that says how a locked method is reached."""
+    """Return a function that raises, and says how to unlock the method."""
 
     def refuse(*_: Any) -> None:
         raise NaoqiError(
@@ -219,7 +219,7 @@ def _locked(module: str, name: str) -> Callable[..., Any]:
 
 
 def wire_methods(module: Module) -> Iterator[tuple[str, tuple[str, ...], str]]:
-    """Yield name, types of the arguments and type of the result, as libqi writes them, of all methods."""
+    """Yield name, argument types and result type of every method, in libqi's signatures."""
     listed = [s for s in robot_signatures() if s.module == module.name]
     known_arities: set[tuple[str, int]] = set()
     for s in listed:
@@ -237,7 +237,7 @@ def wire_methods(module: Module) -> Iterator[tuple[str, tuple[str, ...], str]]:
 
 
 def _counts(method: Callable[..., Any]) -> list[int]:
-    """Return the numbers of arguments that a method takes."""
+    """Return all possible numbers of arguments of a method."""
     least, most = 0, 0
     for parameter in inspect.signature(method).parameters.values():
         if parameter.kind is parameter.VAR_POSITIONAL:
@@ -249,7 +249,7 @@ def _counts(method: Callable[..., Any]) -> list[int]:
 
 
 def as_plain(value: Any) -> Any:
-    """Return a value from the wire as lists, numbers, strings and dictionaries."""
+    """Convert tuples of a received value to lists."""
     if isinstance(value, tuple | list):
         return [as_plain(one) for one in value]
     return value

@@ -1,12 +1,12 @@
 """qiBullet's API over the twin: `from pepper_kin.qibullet import SimulationManager, PepperVirtual`.
 
-SimulationManager                         launches simulations, and puts robots into them
+SimulationManager                         launches simulations, and spawns robots in them
 PepperVirtual, RobotVirtual               a robot: joints, base, cameras, lasers, inertial unit
-Joint, Link, PepperPosture                what it is made of
-Camera, CameraRgb, CameraDepth, CameraResolution, Laser, Imu   its sensors
-PepperBaseController                      its base
-SimulationError, UnsimulatedError         what calls raise; `pybullet.error` where pybullet is installed
-NaoVirtual, RomeoVirtual, NaoFsr, PepperRosWrapper, NaoRosWrapper, RomeoRosWrapper   refused by name
+Joint, Link, PepperPosture                parts and postures of a robot
+Camera, CameraRgb, CameraDepth, CameraResolution, Laser, Imu   sensors of a robot
+PepperBaseController                      controller of the base
+SimulationError, UnsimulatedError         errors of calls; a `pybullet.error` if pybullet is installed
+NaoVirtual, RomeoVirtual, NaoFsr, PepperRosWrapper, NaoRosWrapper, RomeoRosWrapper   not simulated
 """
 
 from __future__ import annotations

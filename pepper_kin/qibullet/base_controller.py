@@ -1,4 +1,4 @@
-"""The controller of the base: ways to places, and velocities."""
+"""The controller of the base: motions to poses, and velocities."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from pepper_kin.twin.base import OmniBase, pepper_base
 
 
 class PepperBaseController(RobotModule):
-    """Pepper's base, within limits of velocity and acceleration.
+    """Controller of Pepper's base, within limits of velocity and acceleration.
 
     Args:
         robot_model: Number of the robot's model.
@@ -25,10 +25,10 @@ class PepperBaseController(RobotModule):
         physicsClientId: Number of the simulation.
 
     Attributes:
-        linear_velocity: [m/s].
-        angular_velocity: [rad/s].
-        linear_acceleration: [m/s^2].
-        angular_acceleration: [rad/s^2].
+        linear_velocity: Linear velocity of `moveTo` [m/s].
+        angular_velocity: Angular velocity of `moveTo` [rad/s].
+        linear_acceleration: Linear acceleration [m/s^2].
+        angular_acceleration: Angular acceleration [rad/s^2].
     """
 
     FRAME_WORLD: ClassVar = 1
@@ -57,18 +57,18 @@ class PepperBaseController(RobotModule):
         self._way: MoveToTask | None = None
 
     def setLinearVelocity(self, linear_velocity: float) -> None:
-        """Set the linear velocity of `moveTo` [m/s], cut to 0.1 to 0.55."""
+        """Set the linear velocity of `moveTo` [m/s], clipped to 0.1 to 0.55."""
         self.linear_velocity = _within(
             linear_velocity, "linear velocity", self.MIN_LINEAR_VELOCITY, self.MAX_LINEAR_VELOCITY
         )
 
     def moveTo(self, x: float, y: float, theta: float, frame: int, _async: bool = False) -> None:
-        """Go to a place.
+        """Move to a pose.
 
         Args:
-            x: [m].
-            y: [m].
-            theta: [rad].
+            x: Position along x [m].
+            y: Position along y [m].
+            theta: Yaw [rad].
             frame: FRAME_WORLD or FRAME_ROBOT.
             _async: Whether to return at once; a later asynchronous call changes the goal.
 
@@ -94,7 +94,7 @@ class PepperBaseController(RobotModule):
             body.wait(task)
 
     def move(self, x: float, y: float, theta: float) -> None:
-        """Move with a velocity [m/s, m/s, rad/s], cut to 0.55 m/s and 2 rad/s, until `stopMove`.
+        """Move with a velocity [m/s, m/s, rad/s], clipped to 0.55 m/s and 2 rad/s, until `stopMove`.
 
         Raises:
             SimulationError: for values that are not finite numbers.
@@ -112,12 +112,12 @@ class PepperBaseController(RobotModule):
             body.do(VelocityTask("move", twist))
 
     def stopMove(self) -> None:
-        """Brake; returns at once."""
+        """Brake; return at once."""
         with self.body.time.lock:
             self._stop()
 
     def isAlive(self) -> bool:
-        """Return whether an asynchronous `moveTo` is on its way."""
+        """Return whether an asynchronous `moveTo` runs."""
         return self._way is not None and not self._way.ended
 
     def _stop(self) -> None:
@@ -126,7 +126,7 @@ class PepperBaseController(RobotModule):
         body.tasks.kill(tasks, body)
 
     def _limit(self, linear: float, angular: float) -> None:
-        """Hand limits of velocity [m/s, rad/s], and those of acceleration, to the base."""
+        """Set the limits of velocity [m/s, rad/s] and acceleration of the base."""
         geometry = replace(
             pepper_base(),
             linear_velocity=linear,
@@ -137,19 +137,19 @@ class PepperBaseController(RobotModule):
         self.body.controller.base = OmniBase(geometry)
 
     def _terminateModule(self) -> None:
-        """End the module."""
+        """Stop the base."""
         self.stopMove()
 
-    # The names below are private in qiBullet, and scripts use them all the same.
+    # The names below are private in qiBullet, but scripts use them.
 
     def _setAngularVelocity(self, angular_velocity: float) -> None:
-        """Set the angular velocity of `moveTo` [rad/s], cut to 0.3 to 2."""
+        """Set the angular velocity of `moveTo` [rad/s], clipped to 0.3 to 2."""
         self.angular_velocity = _within(
             angular_velocity, "angular velocity", self.MIN_ANGULAR_VELOCITY, self.MAX_ANGULAR_VELOCITY
         )
 
     def _setLinearAcceleration(self, linear_acceleration: float) -> None:
-        """Set the linear acceleration [m/s^2], cut to 0.1 to 0.55."""
+        """Set the linear acceleration [m/s^2], clipped to 0.1 to 0.55."""
         self.linear_acceleration = _within(
             linear_acceleration,
             "linear acceleration",
@@ -158,7 +158,7 @@ class PepperBaseController(RobotModule):
         )
 
     def _setAngularAcceleration(self, angular_acceleration: float) -> None:
-        """Set the angular acceleration [rad/s^2], cut to 0.1 to 3."""
+        """Set the angular acceleration [rad/s^2], clipped to 0.1 to 3."""
         self.angular_acceleration = _within(
             angular_acceleration,
             "angular acceleration",
@@ -168,5 +168,5 @@ class PepperBaseController(RobotModule):
 
 
 def _within(value: Any, quantity: str, least: float, most: float) -> float:
-    """Return a number cut to a range."""
+    """Return a finite number clipped to a range."""
     return min(max(finite(value, quantity, "m or rad, and s"), least), most)

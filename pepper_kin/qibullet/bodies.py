@@ -1,4 +1,4 @@
-"""Bodies that stand around the robots of a simulation."""
+"""Bodies around the robots of a simulation."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from pepper_kin.model import Box, Capsule, Cylinder, Sphere
 
 @dataclass
 class Standing:
-    """A body that stands around robots.
+    """A body, as an obstacle of the robots.
 
     Attributes:
-        base: Where its root link is in the world, shape (4, 4).
-        parts: Shapes, and where they are in it, shape (4, 4).
+        base: Pose of the root link in the world, shape (4, 4).
+        parts: Shapes, and their poses in the root link, shape (4, 4).
     """
 
     base: Array
@@ -28,7 +28,7 @@ class Standing:
 
 
 def scaled(shape: Any, place: Array, scale: float) -> tuple[Any, Array]:
-    """Return a shape and its place in a body that is larger by a factor."""
+    """Return a shape and its pose in a body, both scaled by a factor."""
     place = place.copy()
     place[:3, 3] *= scale
     if isinstance(shape, Box):
@@ -44,7 +44,7 @@ def scaled(shape: Any, place: Array, scale: float) -> tuple[Any, Array]:
 
 
 def lowest(shape: Any, place: Array) -> float:
-    """Return the height of the lowest point of a shape at a place [m]."""
+    """Return the height of the lowest point of a shape at a pose [m]."""
     up, height = place[2, :3], float(place[2, 3])
     if isinstance(shape, Box):
         return height - float(np.abs(up) @ shape.size) / 2.0

@@ -1,4 +1,4 @@
-"""Cameras of a robot: pictures of the twin's cameras, drawn when they are due."""
+"""Cameras of a robot: images of the twin's cameras, rendered when they are due."""
 
 from __future__ import annotations
 
@@ -24,37 +24,37 @@ FROM_LINK = {
     "CameraBottom_optical_frame": "camera_bottom",
     "CameraDepth_optical_frame": "camera_depth",
 }
-"""Link that carries a camera -> camera of the twin."""
+"""Link of a camera -> camera of the twin."""
 
 MILLIMETERS = 1000.0
 
 
 @dataclass(frozen=True)
 class CameraResolution:
-    """Width and height of a picture [pixels]."""
+    """Width and height of an image [pixels]."""
 
     width: int
     height: int
 
 
 class Camera(Sensor):
-    """A camera; see `CameraRgb` and `CameraDepth`.
+    """Base class of `CameraRgb` and `CameraDepth`.
 
-    A picture is drawn when one is asked for and a period of `fps` has passed on the clock of the simulation;
-    in between the last one is returned again.
+    An image is rendered on request when a period of `fps` has passed on the simulation's clock; in between
+    the last image is returned again.
 
     Args:
         robot_model: Number of the robot's model.
         camera_id: Number of the camera, such as `PepperVirtual.ID_CAMERA_TOP`.
-        camera_link: Link that carries it.
+        camera_link: Link of the camera.
         hfov: Horizontal field of view [degrees].
         vfov: Vertical field of view [degrees].
         physicsClientId: Number of the simulation.
-        near_plane: The nearest that a depth picture holds [m].
-        far_plane: The farthest that a depth picture holds [m].
+        near_plane: Minimum distance of a depth image [m].
+        far_plane: Maximum distance of a depth image [m].
 
     Attributes:
-        frame: The last picture; None before the first.
+        frame: The last image; None before the first.
     """
 
     K_QQVGA: ClassVar = CameraResolution(160, 120)
@@ -91,14 +91,14 @@ class Camera(Sensor):
         self._busy = threading.Lock()
 
     def subscribe(self, resolution: CameraResolution, fps: float = 30.0) -> int:
-        """Begin to take pictures; return a handle.
+        """Subscribe to the camera; return a handle.
 
         Args:
-            resolution: One of `Camera.K_...`, or any other.
-            fps: Pictures a second.
+            resolution: Resolution, as one of `Camera.K_...`.
+            fps: Images a second.
 
         Raises:
-            SimulationError: for something else than a resolution, an fps that is not above 0, or a camera
+            SimulationError: for an invalid resolution, an fps that is not above 0, or a camera
                 without field of view or link.
         """
         if not isinstance(resolution, CameraResolution):
@@ -122,17 +122,17 @@ class Camera(Sensor):
         return id(self)
 
     def unsubscribe(self) -> bool:
-        """Take no more pictures; return whether somebody had subscribed."""
+        """End the subscription; return whether there was one."""
         with Camera._lock:
             subscribed = Camera._subscribed.pop(id(self), None) is not None
         self._active, self.frame = False, None
         return subscribed
 
     def getFrame(self) -> NDArray[Any] | None:
-        """Return the present picture; None where nobody has subscribed.
+        """Return the present image; None without a subscription.
 
         Raises:
-            SimulationError: where the simulation has ended.
+            SimulationError: if the simulation has ended.
         """
         with self._busy:
             if self._drawing is None or not self._active:
@@ -149,44 +149,44 @@ class Camera(Sensor):
         return self.camera_id
 
     def getCameraLink(self) -> Link | None:
-        """Return the link that carries it."""
+        """Return the link of the camera."""
         return self.camera_link
 
     def getResolution(self) -> CameraResolution | None:
-        """Return the resolution."""
+        """Return the resolution of the subscription."""
         return self.resolution
 
     def getFps(self) -> float | None:
-        """Return how many pictures there are in a second."""
+        """Return the images a second."""
         return self.getFrequency()
 
     def isActive(self) -> bool:
-        """Return whether somebody has subscribed."""
+        """Return whether there is a subscription."""
         return id(self) in Camera._subscribed
 
     def _picture(self, camera: TwinCamera, q: NDArray[np.float64], scene: Any) -> NDArray[Any]:
-        """Return what a camera sees at joint positions [rad or m], shape (n,)."""
+        """Return the image of a camera at joint positions [rad or m], shape (n,)."""
         raise NotImplementedError
 
     def _terminateModule(self) -> None:
-        """End the module."""
+        """End the subscription."""
         self.unsubscribe()
 
-    # The names below are private in qiBullet, and scripts use them all the same.
+    # The names below are private in qiBullet, but scripts use them.
 
     def _getCameraIntrinsics(self) -> list[float] | None:
-        """Return [fx, 0, cx, 0, fy, cy, 0, 0, 1] [pixels]; None before somebody subscribed."""
+        """Return [fx, 0, cx, 0, fy, cy, 0, 0, 1] [pixels]; None before the first subscription."""
         if self._drawing is None:
             return None
         lens = self._drawing.intrinsics
         return [lens.fx, 0.0, lens.cx, 0.0, lens.fy, lens.cy, 0.0, 0.0, 1.0]
 
     def _waitForCorrectImageFormat(self) -> None:
-        """Return when there is a picture of the resolution: at once, as pictures are drawn when asked for."""
+        """Return at once: images are rendered on request, in the right resolution."""
 
     @classmethod
     def _getCameraHandlesDict(cls) -> dict[int, Camera]:
-        """Return handle -> camera of all cameras that are subscribed to."""
+        """Return handle -> camera of all subscribed cameras."""
         with cls._lock:
             return dict(cls._subscribed)
 
@@ -195,24 +195,24 @@ class Camera(Sensor):
         """Return the camera with a handle.
 
         Raises:
-            KeyError: where there is none.
+            KeyError: for an unknown handle.
         """
         with cls._lock:
             return cls._subscribed[handle]
 
 
 class CameraRgb(Camera):
-    """A color camera: pictures of blue, green and red bytes, shape (height, width, 3)."""
+    """A color camera, with images of blue, green and red bytes, shape (height, width, 3)."""
 
     def _picture(self, camera: TwinCamera, q: NDArray[np.float64], scene: Any) -> NDArray[Any]:
-        """Return blue, green and red at joint positions [rad or m], shape (n,)."""
+        """Return an image of blue, green and red at joint positions [rad or m], shape (n,)."""
         return np.ascontiguousarray(camera.color(q, scene)[..., ::-1])
 
 
 class CameraDepth(Camera):
-    """A depth camera: pictures of distances along the optical axis [mm], 16 bits, shape (height, width).
+    """A depth camera, with distances along the optical axis [mm], 16 bits, shape (height, width).
 
-    What is nearer than 0.4 m is 400, what is farther than 8 m or nowhere 8000.
+    Distances below 0.4 m read 400; distances above 8 m, or without an object, 8000.
     """
 
     def __init__(
@@ -229,13 +229,13 @@ class CameraDepth(Camera):
         )
 
     def _picture(self, camera: TwinCamera, q: NDArray[np.float64], scene: Any) -> NDArray[Any]:
-        """Return distances [mm] at joint positions [rad or m], shape (n,)."""
+        """Return an image of distances [mm] at joint positions [rad or m], shape (n,)."""
         depth = np.clip(camera.depth(q, scene), self.near_plane, self.far_plane)
         return np.round(MILLIMETERS * depth).astype(np.uint16)
 
 
 def _pinhole(resolution: CameraResolution, hfov: float, vfov: float) -> Intrinsics:
-    """Return a pinhole whose picture spans two angles [degrees]."""
+    """Return the intrinsics of a pinhole camera with given fields of view [degrees]."""
     width, height = resolution.width, resolution.height
     fx = width / 2.0 / math.tan(math.radians(hfov) / 2.0)
     fy = height / 2.0 / math.tan(math.radians(vfov) / 2.0)

@@ -1,4 +1,4 @@
-"""Errors of the adapter, caught by `except pybullet.error` where pybullet is installed."""
+"""Errors of the adapter, caught by `except pybullet.error` if pybullet is installed."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ __all__ = ["BulletError", "SimulationError", "UnsimulatedError"]
 
 
 def _bullet_error() -> Any:
-    """Return `pybullet.error`, which scripts for qiBullet catch; a plain error where there is no pybullet."""
+    """Return `pybullet.error`, which scripts for qiBullet catch; RuntimeError without pybullet."""
     if find_spec("pybullet") is None:
         return RuntimeError
     import pybullet
@@ -23,15 +23,15 @@ BulletError: Any = _bullet_error()
 
 
 class SimulationError(PepperKinError, BulletError):
-    """A call with wrong arguments, or to a simulation or a robot that there is not."""
+    """A call with wrong arguments, or to an unknown simulation or robot."""
 
 
 class UnsimulatedError(SimulationError):
-    """Something that qiBullet has and the twin does not simulate.
+    """A feature of qiBullet that the twin does not simulate.
 
     Attributes:
-        what: Its name.
-        why: Why there is none, or what to use in its place.
+        what: Name of the feature.
+        why: Reason, or what to use instead.
     """
 
     def __init__(self, what: str, why: str) -> None:

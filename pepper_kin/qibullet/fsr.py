@@ -1,4 +1,4 @@
-"""The weight under NAO's feet, which there is no model of here."""
+"""Sensors of the weight under NAO's feet, which are not simulated."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from pepper_kin.qibullet.other_robots import ONLY_PEPPER
 
 
 class Fsr:
-    """A sensor of weight under a foot of NAO."""
+    """A sensor of the weight under a foot of NAO."""
 
     def __init__(self, *_: Any, **__: Any) -> None:
         raise UnsimulatedError("the weight under a foot (FSR)", ONLY_PEPPER)
 
 
 class FsrHandler(Fsr):
-    """The sensors of weight of a robot with feet."""
+    """The weight sensors of a robot with feet."""
 
 
 class NaoFsr(FsrHandler):
-    """The sensors of weight of NAO."""
+    """The weight sensors of NAO."""

@@ -1,4 +1,4 @@
-"""The inertial unit: velocity of rotation, and acceleration."""
+"""The inertial unit: angular velocity and acceleration."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from pepper_kin.qibullet.sensor import Sensor
 
 
 class Imu(Sensor):
-    """An inertial unit that reads in world axes and leaves gravity out, as qiBullet's does.
+    """An inertial unit with values in world axes and without gravity, as in qiBullet.
 
-    It reads at its frequency, but once in a cycle of the body (20 ms) at most.  The acceleration is the
-    change of the link's velocity over that time.
+    It reads at its frequency, but at most once in a cycle of the body (20 ms).  The acceleration is the
+    change of the link's velocity between two readings, divided by the time between them.
 
     Args:
         robot_model: Number of the robot's model.
-        imu_link: Link that carries it.
-        frequency: [Hz], above 0.
+        imu_link: Link of the inertial unit.
+        frequency: Frequency of the readings [Hz], above 0.
         physicsClientId: Number of the simulation.
 
     Raises:
-        SimulationError: for another frequency.
+        SimulationError: for a frequency that is not above 0.
     """
 
     def __init__(
@@ -36,7 +36,7 @@ class Imu(Sensor):
         self._before: tuple[float, np.ndarray] | None = None
 
     def subscribe(self) -> None:
-        """Begin to read."""
+        """Start reading."""
         if not self._active:
             self._active, self._before = True, None
             body = self.body
@@ -44,11 +44,11 @@ class Imu(Sensor):
                 body.listeners.append(self._read)
 
     def unsubscribe(self) -> None:
-        """End reading."""
+        """Stop reading."""
         self._terminateModule()
 
     def getGyroscopeValues(self) -> list[float]:
-        """Return the velocity of rotation [rad/s] in world axes, three numbers."""
+        """Return the angular velocity [rad/s] in world axes, three numbers."""
         return list(self.angular_velocity)
 
     def getAccelerometerValues(self) -> list[float]:
@@ -56,11 +56,11 @@ class Imu(Sensor):
         return list(self.linear_acceleration)
 
     def getValues(self) -> tuple[list[float], list[float]]:
-        """Return velocity of rotation [rad/s] and acceleration [m/s^2] in world axes, three numbers each."""
+        """Return angular velocity [rad/s] and acceleration [m/s^2] in world axes, three numbers each."""
         return self.getGyroscopeValues(), self.getAccelerometerValues()
 
     def _read(self) -> None:
-        """Read once, with the lock of the body held."""
+        """Read the unit if a reading is due; the lock of the body is held."""
         body = self.body
         now = body.time.now
         if self.imu_link is None or not self._is_due(now):
@@ -74,7 +74,7 @@ class Imu(Sensor):
         self._before = (now, twist[:3].copy())
 
     def _terminateModule(self) -> None:
-        """End the module."""
+        """Stop reading."""
         if self._active:
             super()._terminateModule()
             body = self.body

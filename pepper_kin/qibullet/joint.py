@@ -1,4 +1,4 @@
-"""Joints of a robot, with the limits that commands obey."""
+"""Joints of a robot, with the limits of commands."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from dataclasses import dataclass
 
 @dataclass
 class Joint:
-    """A joint that can be commanded.
+    """A joint that accepts commands.
 
     Attributes:
         index: Number of the joint, and of the link that it moves.
-        name: Its name.
-        lower_limit: [rad, for hands a share].
-        upper_limit: [rad, for hands a share].
-        max_effort: Torque that commands from now on may use [N m].
-        max_velocity: Speed that commands from now on may use at most [rad/s].
+        name: Name of the joint.
+        lower_limit: Lower limit [rad, for hands a fraction].
+        upper_limit: Upper limit [rad, for hands a fraction].
+        max_effort: Maximum torque of later commands [N m].
+        max_velocity: Maximum speed of later commands [rad/s].
     """
 
     index: int
@@ -26,33 +26,33 @@ class Joint:
     max_velocity: float
 
     def getIndex(self) -> int:
-        """Return the number."""
+        """Return the number of the joint."""
         return self.index
 
     def getName(self) -> str:
-        """Return the name."""
+        """Return the name of the joint."""
         return self.name
 
     def getLowerLimit(self) -> float:
-        """Return the lower limit [rad, for hands a share]."""
+        """Return the lower limit [rad, for hands a fraction]."""
         return self.lower_limit
 
     def getUpperLimit(self) -> float:
-        """Return the upper limit [rad, for hands a share]."""
+        """Return the upper limit [rad, for hands a fraction]."""
         return self.upper_limit
 
     def getMaxEffort(self) -> float:
-        """Return the torque that commands may use [N m]."""
+        """Return the maximum torque of commands [N m]."""
         return self.max_effort
 
     def setMaxEffort(self, effort: float) -> None:
-        """Set the torque that commands from now on may use [N m]; above the motor's own it is that."""
+        """Set the maximum torque of later commands [N m]; the motor's own maximum holds, too."""
         self.max_effort = effort
 
     def getMaxVelocity(self) -> float:
-        """Return the speed that commands may use [rad/s]."""
+        """Return the maximum speed of commands [rad/s]."""
         return self.max_velocity
 
     def setMaxVelocity(self, velocity: float) -> None:
-        """Set the speed that commands from now on may use [rad/s]; above the joint's own it is that."""
+        """Set the maximum speed of later commands [rad/s]; the joint's own maximum holds, too."""
         self.max_velocity = velocity

@@ -10,28 +10,28 @@ from pepper_kin.twin.sensors.specification import sensor_specifications
 from pepper_kin.twin.sensors.suite import SensorSuite
 
 NUM_RAY = 15
-"""Beams of a laser."""
+"""Number of beams of a laser."""
 
 RAY_LENGTH = 3.0
-"""What a beam without an echo reads [m]."""
+"""Reading of a beam without an echo [m]."""
 
 NEAREST = 0.1
-"""What a beam reads that meets something nearer [m]."""
+"""Reading of a beam that meets a nearer obstacle [m]."""
 
 DEFAULT_FREQUENCY = 6.25
-"""Scans a second."""
+"""Default number of scans a second [Hz]."""
 
 SENSORS = ("laser_front", "laser_right", "laser_left")
 
 
 class Laser(Sensor):
-    """Three lasers of 15 beams each, the twin's, without noise; a scan is made when one is asked for and due.
+    """The twin's three lasers of 15 beams each, without noise; a scan is made on request, when it is due.
 
     Args:
         robot_model: Number of the robot's model.
-        laser_id: Number of the link that carries them.
+        laser_id: Number of the lasers' link.
         frequency: Scans a second.
-        display: Whether the page in the browser marks where beams end.
+        display: Whether the browser page marks the ends of beams.
         physicsClientId: Number of the simulation.
     """
 
@@ -50,15 +50,15 @@ class Laser(Sensor):
         self.setFrequency(frequency)
 
     def subscribe(self) -> None:
-        """Begin to scan."""
+        """Start scanning."""
         self._active = True
 
     def unsubscribe(self) -> None:
-        """End scanning; the last values stay."""
+        """Stop scanning; the last values are kept."""
         self._active = False
 
     def showLaser(self, display: bool) -> None:
-        """Choose whether the page in the browser marks where beams end."""
+        """Set whether the browser page marks the ends of beams."""
         self.display = bool(display)
 
     def getFrontLaserValue(self) -> list[float]:
@@ -74,7 +74,7 @@ class Laser(Sensor):
         return self._values(2)
 
     def ends(self) -> NDArray[np.float64]:
-        """Return where beams meet something in the world [m], shape (k, 3); none while nothing is shown."""
+        """Return the points in the world that beams hit [m], shape (k, 3); none unless `display`."""
         if not (self._active and self.display):
             return np.empty((0, 3))
         self._scan()
@@ -95,7 +95,7 @@ class Laser(Sensor):
         return self.laser_value[which * NUM_RAY : (which + 1) * NUM_RAY]
 
     def _scan(self) -> None:
-        """Scan, where a scan is due."""
+        """Make a scan if one is due."""
         body = self.body
         with body.time.lock:
             if not self._is_due(body.time.now):

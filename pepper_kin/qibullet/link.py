@@ -10,9 +10,9 @@ class Link:
     """A link, or the frame of a sensor.
 
     Attributes:
-        index: Its number.
-        name: Its name.
-        parent_index: Number of the link that it hangs on; -1 for the first one.
+        index: Number of the link.
+        name: Name of the link.
+        parent_index: Number of the parent link; -1 for the root.
     """
 
     index: int
@@ -20,13 +20,13 @@ class Link:
     parent_index: int
 
     def getIndex(self) -> int:
-        """Return the number."""
+        """Return the number of the link."""
         return self.index
 
     def getName(self) -> str:
-        """Return the name."""
+        """Return the name of the link."""
         return self.name
 
     def getParentIndex(self) -> int:
-        """Return the number of the link that it hangs on."""
+        """Return the number of the parent link."""
         return self.parent_index

@@ -1,4 +1,4 @@
-"""Names of qiBullet for other robots and for ROS, which say what to use instead."""
+"""qiBullet's classes of other robots and of ROS, which raise and say what to use instead."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ BY_THE_BRIDGE = "see pepper_kin's own bridge to ROS 2"
 
 
 class NaoVirtual(RobotVirtual):
-    """NAO, of which there is no model here."""
+    """NAO, which is not simulated."""
 
     ID_CAMERA_TOP: ClassVar = 0
     ID_CAMERA_BOTTOM: ClassVar = 1
@@ -24,7 +24,7 @@ class NaoVirtual(RobotVirtual):
 
 
 class RomeoVirtual(RobotVirtual):
-    """Romeo, of which there is no model here."""
+    """Romeo, which is not simulated."""
 
     ID_CAMERA_RIGHT: ClassVar = 0
     ID_CAMERA_LEFT: ClassVar = 1
@@ -37,21 +37,21 @@ class RomeoVirtual(RobotVirtual):
 
 
 class PepperRosWrapper:
-    """qiBullet's bridge to ROS 1 and 2."""
+    """qiBullet's bridge to ROS 1 and 2 for Pepper, which is not offered."""
 
     def __init__(self) -> None:
         raise UnsimulatedError("PepperRosWrapper", BY_THE_BRIDGE)
 
 
 class NaoRosWrapper:
-    """qiBullet's bridge to ROS for NAO."""
+    """qiBullet's bridge to ROS for NAO, which is not simulated."""
 
     def __init__(self) -> None:
         raise UnsimulatedError("NaoRosWrapper", ONLY_PEPPER)
 
 
 class RomeoRosWrapper:
-    """qiBullet's bridge to ROS for Romeo."""
+    """qiBullet's bridge to ROS for Romeo, which is not simulated."""
 
     def __init__(self) -> None:
         raise UnsimulatedError("RomeoRosWrapper", ONLY_PEPPER)

@@ -1,4 +1,4 @@
-"""Pepper in a simulation: the twin behind qiBullet's methods."""
+"""Pepper in a simulation: the twin with qiBullet's methods."""
 
 from __future__ import annotations
 
@@ -25,22 +25,22 @@ from pepper_kin.qibullet.simulation import EARTH, finite, pose_on_floor, simulat
 IMU_FREQUENCY = 100.0
 
 NEAR_OBSTACLE = 0.01
-"""How far ahead of something of the scene the base stops [m]; qiBullet's would push it."""
+"""Distance at which the base stops before an obstacle [m]; qiBullet's base would push it."""
 
 
 class PepperVirtual(RobotVirtual):
     """Pepper: joints, base, cameras, lasers and inertial unit.
 
-    `SimulationManager.spawnPepper` makes and loads one.  Fingers are driven by their hand: they read what the
-    hand makes of them, and a command to fingers is one to their hand, the mean of theirs.
+    `SimulationManager.spawnPepper` creates and loads one.  Fingers are driven by their hand: their readings
+    follow from the hand's, and a command to fingers commands the hand with the mean of the fingers' targets.
 
     Attributes:
         laser_manager: The lasers.
         base_controller: The controller of the base.
-        linear_velocity: Of `moveTo`, when loaded [m/s].
-        angular_velocity: Of `moveTo`, when loaded [rad/s].
-        linear_acceleration: Of the base, when loaded [m/s^2].
-        angular_acceleration: Of the base, when loaded [rad/s^2].
+        linear_velocity: Initial linear velocity of `moveTo` [m/s].
+        angular_velocity: Initial angular velocity of `moveTo` [rad/s].
+        linear_acceleration: Initial linear acceleration of the base [m/s^2].
+        angular_acceleration: Initial angular acceleration of the base [rad/s^2].
     """
 
     ID_CAMERA_TOP: ClassVar = 0
@@ -63,16 +63,16 @@ class PepperVirtual(RobotVirtual):
         self._fingers: dict[str, tuple[str, float, float]] = {}
 
     def loadRobot(self, translation: Any, quaternion: Any, physicsClientId: int = 0) -> None:
-        """Put the robot into a simulation, in the posture "StandZero".
+        """Load the robot into a simulation, in the posture "StandZero".
 
         Args:
-            translation: x, y, z of the base [m]; z is 0.
-            quaternion: x, y, z, w of the base, about the vertical axis.
+            translation: Position x, y, z of the base [m]; z must be 0.
+            quaternion: Quaternion x, y, z, w of the base, about the vertical axis.
             physicsClientId: Number of the simulation.
 
         Raises:
             SimulationError: for an unknown simulation, or values that are not finite numbers.
-            UnsimulatedError: for a robot that would not stand on the floor.
+            UnsimulatedError: for a robot above the floor or tilted.
         """
         simulation = simulation_of(physicsClientId)
         pose = np.array(pose_on_floor(translation, quaternion))
@@ -95,19 +95,19 @@ class PepperVirtual(RobotVirtual):
         body.time.start()
 
     def shown_points(self) -> NDArray[np.float64]:
-        """Return where beams of the lasers end, while `showLaser` is on [m], shape (k, 3)."""
+        """Return the points in the world that laser beams hit, while `showLaser` is on [m], shape (k, 3)."""
         return self.laser_manager.ends()
 
     def setAngles(self, joint_names: Any, joint_values: Any, percentage_speed: Any) -> None:
-        """Move joints toward angles; returns at once, and a later call for the same joints takes its place.
+        """Move joints toward angles; return at once.  A later call for the same joints replaces this one.
 
         Args:
-            joint_names: A joint, or a list of them.
-            joint_values: The angle [rad, for hands a share], or a list; cut to the limits.
-            percentage_speed: Share of the fastest speed, 0 to 1, or a list with one for each joint.
+            joint_names: Name of a joint, or a list of names.
+            joint_values: Angle [rad, for hands a fraction], or a list; clipped to the limits.
+            percentage_speed: Fraction of the maximum speed, 0 to 1, or a list with one for each joint.
 
         Raises:
-            SimulationError: for lists of different lengths, NaN, or a share outside 0 to 1.
+            SimulationError: for lists of different lengths, NaN, or a fraction outside 0 to 1.
             UnknownNameError: for an unknown joint, a `KeyError`.
         """
         names, values = _pairs(joint_names, joint_values)
@@ -131,7 +131,7 @@ class PepperVirtual(RobotVirtual):
                 self.body.do(SpeedTask("setAngles", targets_of_share, share))
 
     def getAnglesPosition(self, joint_names: Any) -> Any:
-        """Return the angles of joints [rad, for hands shares], a list; of one joint the number alone.
+        """Return a list of the joints' angles [rad, for hands fractions]; a number for a single joint.
 
         Raises:
             UnknownNameError: for an unknown joint, a `KeyError`.
@@ -139,7 +139,7 @@ class PepperVirtual(RobotVirtual):
         return self._measured(joint_names, "position")
 
     def getAnglesVelocity(self, joint_names: Any) -> Any:
-        """Return the velocities of joints [rad/s, for hands shares/s], a list; of one joint the number alone.
+        """Return a list of the joints' velocities [rad/s, for hands 1/s]; a number for a single joint.
 
         Raises:
             UnknownNameError: for an unknown joint, a `KeyError`.
@@ -147,14 +147,14 @@ class PepperVirtual(RobotVirtual):
         return self._measured(joint_names, "velocity")
 
     def goToPosture(self, posture_name: str, percentage_speed: float) -> bool:
-        """Move toward a posture; returns at once, False for an unknown one.
+        """Move toward a posture; return at once, False for an unknown posture.
 
         Args:
             posture_name: "Stand", "StandInit", "StandZero" or "Crouch", in any case.
-            percentage_speed: Share of the fastest speed, 0 to 1.
+            percentage_speed: Fraction of the maximum speed, 0 to 1.
 
         Raises:
-            SimulationError: for a share outside 0 to 1.
+            SimulationError: for a fraction outside 0 to 1.
         """
         for posture in (self.P_STAND, self.P_STAND_INIT, self.P_STAND_ZERO, self.P_CROUCH):
             if posture.isPostureName(posture_name):
@@ -173,14 +173,14 @@ class PepperVirtual(RobotVirtual):
         speed: float | None = None,
         _async: bool = False,
     ) -> None:
-        """Go to a place: x, y [m], theta [rad].
+        """Move to a pose x, y [m], theta [rad].
 
         Args:
-            x: [m].
-            y: [m].
-            theta: [rad].
+            x: Position along x [m].
+            y: Position along y [m].
+            theta: Yaw [rad].
             frame: FRAME_WORLD or FRAME_ROBOT.
-            speed: Linear velocity from now on [m/s], cut to 0.1 to 0.55.
+            speed: Linear velocity from now on [m/s], clipped to 0.1 to 0.55.
             _async: Whether to return at once; a later asynchronous call changes the goal.
 
         Raises:
@@ -192,7 +192,7 @@ class PepperVirtual(RobotVirtual):
         self.base_controller.moveTo(x, y, theta, frame, _async=_async)
 
     def move(self, x: float, y: float, theta: float) -> None:
-        """Move with a velocity [m/s, m/s, rad/s], cut to 0.55 m/s and 2 rad/s, until `stopMove`.
+        """Move with a velocity [m/s, m/s, rad/s], clipped to 0.55 m/s and 2 rad/s, until `stopMove`.
 
         Raises:
             SimulationError: for values that are not finite numbers.
@@ -200,19 +200,19 @@ class PepperVirtual(RobotVirtual):
         self.base_controller.move(x, y, theta)
 
     def stopMove(self) -> None:
-        """Brake; returns at once."""
+        """Brake; return at once."""
         self.base_controller.stopMove()
 
     def subscribeLaser(self) -> None:
-        """Begin to scan."""
+        """Start scanning."""
         self.laser_manager.subscribe()
 
     def unsubscribeLaser(self) -> None:
-        """End scanning."""
+        """Stop scanning."""
         self.laser_manager.unsubscribe()
 
     def showLaser(self, display: bool) -> None:
-        """Choose whether the page in the browser marks where beams end."""
+        """Set whether the browser page marks the ends of beams."""
         self.laser_manager.showLaser(display)
 
     def getFrontLaserValue(self) -> list[float]:
@@ -228,12 +228,12 @@ class PepperVirtual(RobotVirtual):
         return self.laser_manager.getLeftLaserValue()
 
     def _list_joints_and_links(self, body: Body) -> None:
-        """Fill `joint_dict` and `link_dict` from the description."""
+        """Fill `joint_dict` and `link_dict` from the robot's description."""
         pepper = body.pepper
         numbers: dict[str, int] = {}
         for entry in pepper.document.joints:
             if entry.name in ("BaseX", "BaseY", "BaseYaw"):
-                continue  # of the plane that the base moves in
+                continue  # joints of the planar base
             numbers[entry.child] = index = len(numbers)
             self.link_dict[entry.child] = Link(index, entry.child, numbers.get(entry.parent, -1))
             if entry.name in body.index:
@@ -253,7 +253,7 @@ class PepperVirtual(RobotVirtual):
                 self.joint_dict[entry.name] = Joint(
                     index, entry.name, entry.lower, entry.upper, entry.effort, fastest
                 )
-        root = pepper.document.joints[2].child  # what BaseYaw turns
+        root = pepper.document.joints[2].child  # the child link of BaseYaw
         self.link_dict[root] = Link(-1, root, -1)
 
     def _add_sensors(self, model: int, client: int) -> None:
@@ -273,13 +273,13 @@ class PepperVirtual(RobotVirtual):
         self.laser_manager = Laser(model, link["Tibia"].getIndex(), physicsClientId=client)
 
     def _share(self, joint: Joint, speed: float) -> float:
-        """Return the share of the model's fastest speed for a share of what the joint may use."""
+        """Convert a fraction of the joint's `max_velocity` to a fraction of the model's maximum speed."""
         if joint.name not in self.body.index:
             return speed
         return min(1.0, speed * joint.max_velocity / self.body.velocity_limits[joint.name])
 
     def _use_efforts(self, names: Iterable[str]) -> None:
-        """Give motors the strength that `Joint.setMaxEffort` left them, with the lock held."""
+        """Set the motors' stiffness from `Joint.setMaxEffort`; the lock is held."""
         body, changed = self.body, {}
         for name in names:
             strength = self.joint_dict[name].max_effort / float(body.pepper.effort_limits[body.index[name]])
@@ -290,6 +290,7 @@ class PepperVirtual(RobotVirtual):
             body.set_stiffness(changed)
 
     def _measured(self, joint_names: Any, quantity: str) -> Any:
+        """Return a quantity of the state of one joint, or a list for several."""
         names = [joint_names] if isinstance(joint_names, str) else list(joint_names)
         joints = [self.getJoint(name) for name in names]
         with self.body.time.lock:
@@ -298,7 +299,7 @@ class PepperVirtual(RobotVirtual):
         return found[0] if len(found) == 1 else found
 
     def _value(self, name: str, state: np.ndarray, quantity: str) -> float:
-        """Return a joint's part of the state, shape (n,); a finger's follows from its hand's."""
+        """Return a joint's value in a state, shape (n,); a finger's value is computed from its hand's."""
         if name in self._fingers:
             hand, multiplier, offset = self._fingers[name]
             shift = offset if quantity == "position" else 0.0
@@ -307,7 +308,7 @@ class PepperVirtual(RobotVirtual):
 
 
 def _pairs(names: Any, values: Any) -> tuple[list[str], list[float]]:
-    """Return names and as many finite numbers.
+    """Return a list of names and as many finite numbers.
 
     Raises:
         SimulationError: for anything else.
@@ -328,10 +329,10 @@ def _pairs(names: Any, values: Any) -> tuple[list[str], list[float]]:
 
 
 def _shares(speeds: Any, count: int) -> list[float]:
-    """Return a share for each joint.
+    """Return a fraction for each joint.
 
     Raises:
-        SimulationError: for another number of them, or shares outside 0 to 1.
+        SimulationError: for a wrong number of fractions, or fractions outside 0 to 1.
     """
     rows = list(speeds) if hasattr(speeds, "__len__") and not isinstance(speeds, str) else [speeds] * count
     if len(rows) != count:

@@ -1,4 +1,4 @@
-"""Programs for qiBullet, run as they are: `qibullet`, `pybullet` and `pybullet_data` are found here."""
+"""Unmodified programs for qiBullet, run with replacements of `qibullet`, `pybullet`, `pybullet_data`."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from pepper_kin.qibullet import simulation
 
 
 def stand_ins() -> dict[str, types.ModuleType]:
-    """Return the modules that stand in for qiBullet's and Bullet's, by name."""
+    """Return the replacements of qiBullet's and Bullet's modules, by name."""
     modules = {"qibullet": qibullet}
     for path in Path(qibullet.__path__[0]).glob("*.py"):
         if path.stem not in ("__init__", "commands", "programs"):
@@ -36,12 +36,12 @@ def stand_ins() -> dict[str, types.ModuleType]:
 def run_program(
     path: str | Path, arguments: Sequence[str] = (), *, longest: float | None = None
 ) -> ScriptResult:
-    """Run a program in this process, in Python 3 or 2; simulations that it leaves are ended.
+    """Run a program, in Python 3 or 2, in this process; end the simulations that it leaves.
 
     Args:
         path: The program.
-        arguments: What stands behind its name on the command line.
-        longest: Time after which it is interrupted, as by Ctrl-C [s].
+        arguments: Arguments of the command line, after the program's name.
+        longest: Time after which the program is interrupted, as by Ctrl-C [s].
 
     Raises:
         FileFormatError: for a file that is no program.
@@ -57,7 +57,7 @@ def run_program(
     sys.meta_path.insert(0, finder)
     begun = time.monotonic()
     try:
-        with standstill(SimulatedTime(lambda: None, False), longest) as stuck:  # it stands: the wall's counts
+        with standstill(SimulatedTime(lambda: None, False), longest) as stuck:  # stopped: wall time counts
             ended, status, error = ending(lambda: runs(reads), stuck)
     finally:
         for client in set(simulation.all_running()).difference(others):

@@ -1,7 +1,7 @@
-"""The module `pybullet` as far as programs for qiBullet use it: bodies around the robot, joints, quaternions.
+"""The subset of `pybullet` that programs for qiBullet use: bodies around the robot, joints, quaternions.
 
-Bodies become obstacles of the simulation's scene: cameras and lasers meet them, and the base stops before
-them.  They are not pushed; one that is not fixed stands where it was put, lowered to the floor.
+Bodies become obstacles of the simulation's scene: cameras and lasers detect them, and the base stops before
+them.  They cannot be pushed; a body that is not fixed keeps its pose, lowered to the floor.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ globals().update(CONSTANTS)
 JOINT_TYPES = {"revolute": 0, "continuous": 0, "prismatic": 1, "fixed": 4}
 
 Place = tuple[tuple[float, ...], ...]
-"""Position [m] and quaternion x, y, z, w."""
+"""Pose: position [m] and quaternion x, y, z, w."""
 
 ORIGIN, UPRIGHT = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
 
@@ -74,17 +74,17 @@ ACCEPTED = (
     "removeAllUserDebugItems", "removeUserDebugItem", "resetBaseVelocity", "startStateLogging",
     "stopStateLogging",
 )  # fmt: skip
-"""Settings that have no meaning here."""
+"""Functions that are accepted and ignored."""
 
 DRAWN = ("addUserDebugLine", "addUserDebugText", "loadTexture")
-"""What returns a number; nothing is drawn."""
+"""Functions that only return a number; nothing is drawn."""
 
 
 def __getattr__(name: str) -> Callable[..., Any]:
-    """Return functions that do nothing, and refuse others of pybullet that are not here, when called.
+    """Return functions that do nothing, or that raise UnsimulatedError when called.
 
     Raises:
-        AttributeError: for other names.
+        AttributeError: for names that are no functions.
     """
     if name.startswith("_") or not name[0].islower():
         raise AttributeError(f"module 'pybullet' has no attribute {name!r} here")
@@ -101,7 +101,7 @@ def __getattr__(name: str) -> Callable[..., Any]:
 
 
 def _forget() -> None:
-    """Forget search paths, sliders and shapes: those of a program that has ended."""
+    """Remove search paths, sliders and shapes of an ended program."""
     for known in (_PATHS, _SLIDERS, _SHAPES):
         known.clear()
 
@@ -110,7 +110,7 @@ def _forget() -> None:
 
 
 def connect(method: int = 2, *_: Any, **__: Any) -> int:
-    """Begin a simulation; `GUI` opens a page for each robot.  Time passes by `stepSimulation`."""
+    """Start a simulation, advanced by `stepSimulation`; return its number.  `GUI` opens a page per robot."""
     return simulation.launch(False, method == CONSTANTS["GUI"], None).client
 
 
@@ -125,22 +125,22 @@ def isConnected(physicsClientId: int = 0) -> int:
 
 
 def setRealTimeSimulation(enable: int, physicsClientId: int = 0) -> None:
-    """Let the wall clock drive the robots that are loaded from now on."""
+    """Set whether the wall clock drives robots that are loaded from now on."""
     simulation_of(physicsClientId).auto_step = bool(enable)
 
 
 def stepSimulation(physicsClientId: int = 0) -> None:
-    """Let 1/240 s pass."""
+    """Advance the simulation by 1/240 s."""
     simulation_of(physicsClientId).step()
 
 
 def setGravity(x: float, y: float, z: float, physicsClientId: int = 0) -> None:
-    """Let another gravity act on the links [m/s^2]."""
+    """Set the gravity that acts on the links [m/s^2]."""
     simulation_of(physicsClientId).set_gravity([float(x), float(y), float(z)])
 
 
 def resetSimulation(*_: Any, physicsClientId: int = 0) -> None:
-    """Remove robots and bodies."""
+    """Remove all robots, bodies and the scene."""
     found = simulation_of(physicsClientId)
     found.clear()
     found.bodies.clear()
@@ -151,7 +151,7 @@ def resetSimulation(*_: Any, physicsClientId: int = 0) -> None:
 
 
 def setAdditionalSearchPath(path: str, physicsClientId: int = 0) -> None:
-    """Look for descriptions in a folder, too."""
+    """Add a folder to the search path of descriptions."""
     _PATHS.append(Path(path))
 
 
@@ -165,22 +165,22 @@ def loadURDF(
     globalScaling: float = 1.0,
     physicsClientId: int = 0,
 ) -> int:
-    """Put a body into the scene; return its number.
+    """Add a body to the scene; return its number.
 
-    Floors are there already.  Where a file of `pybullet_data` is not found a shape of its size stands for it.
+    Floors exist already.  A missing file of `pybullet_data` is replaced by a shape of its size.
 
     Args:
-        fileName: A URDF, in a folder of `setAdditionalSearchPath` or below the present one.
-        basePosition: Of its root link [m], shape (3,).
-        baseOrientation: Quaternion x, y, z, w.
-        useMaximalCoordinates: Without meaning.
-        useFixedBase: Whether it stays above the floor.
-        flags: Without meaning.
-        globalScaling: Its size.
+        fileName: URDF file, in a folder of `setAdditionalSearchPath` or below the present one.
+        basePosition: Position of the root link [m], shape (3,).
+        baseOrientation: Quaternion x, y, z, w of the root link.
+        useMaximalCoordinates: Ignored.
+        useFixedBase: Whether the body is fixed; otherwise it is lowered to the floor.
+        flags: Ignored.
+        globalScaling: Scale of the body's size.
         physicsClientId: Number of the simulation.
 
     Raises:
-        SimulationError: for a file that is not found, or not a description.
+        SimulationError: for a file that is not found or is no valid description.
     """
     found = simulation_of(physicsClientId)
     path = Path(str(fileName).replace("\\", "/"))
@@ -203,7 +203,7 @@ def loadURDF(
 
 
 def loadMJCF(mjcfFileName: str, *_: Any, physicsClientId: int = 0, **__: Any) -> tuple[int, ...]:
-    """Accept the ground plane, which is there already.
+    """Accept the ground plane, which exists already; return its number.
 
     Raises:
         UnsimulatedError: for other files.
@@ -221,7 +221,7 @@ def createCollisionShape(
     *_: Any,
     **others: Any,
 ) -> int:
-    """Make a sphere, a box, a cylinder or a capsule [m] for `createMultiBody`; return its number.
+    """Create a sphere, a box, a cylinder or a capsule [m] for `createMultiBody`; return its number.
 
     Raises:
         UnsimulatedError: for other shapes.
@@ -241,7 +241,7 @@ def createCollisionShape(
 
 
 def createVisualShape(*_: Any, **__: Any) -> int:
-    """Return -1: what is seen is what collides."""
+    """Return -1: the collision shape is the visual shape, too."""
     return -1
 
 
@@ -255,10 +255,10 @@ def createMultiBody(
     physicsClientId: int = 0,
     **__: Any,
 ) -> int:
-    """Put a body of one shape into the scene, fixed where its mass [kg] is 0; return its number.
+    """Add a body of one shape to the scene, fixed if its mass [kg] is 0; return its number.
 
     Raises:
-        SimulationError: for a shape that there is not.
+        SimulationError: for an unknown shape.
     """
     if baseCollisionShapeIndex not in (-1, *_SHAPES):
         raise SimulationError(
@@ -281,7 +281,7 @@ def removeBody(bodyUniqueId: int, physicsClientId: int = 0) -> None:
 
 
 def getNumBodies(physicsClientId: int = 0) -> int:
-    """Return how many bodies and robots there are."""
+    """Return the number of bodies and robots."""
     found = simulation_of(physicsClientId)
     return len(found.bodies) + len(found.robots)
 
@@ -298,7 +298,7 @@ def getBasePositionAndOrientation(bodyUniqueId: int, physicsClientId: int = 0) -
 def resetBasePositionAndOrientation(
     bodyUniqueId: int, posObj: Sequence[float], ornObj: Sequence[float], physicsClientId: int = 0
 ) -> None:
-    """Put a body, or a robot on the floor, elsewhere at once."""
+    """Teleport a body, or a robot, which stays upright on the floor."""
     found = simulation_of(physicsClientId)
     if bodyUniqueId in found.robots:
         body = found.robots[bodyUniqueId].body
@@ -313,7 +313,7 @@ def resetBasePositionAndOrientation(
 
 
 def getNumJoints(bodyUniqueId: int, physicsClientId: int = 0) -> int:
-    """Return how many joints a robot has, fixed ones too; 0 for a body."""
+    """Return the number of a robot's joints, including fixed ones; 0 for a body."""
     robot = simulation_of(physicsClientId).robots.get(bodyUniqueId)
     return 0 if robot is None else len(robot.link_dict) - 1
 
@@ -321,7 +321,7 @@ def getNumJoints(bodyUniqueId: int, physicsClientId: int = 0) -> int:
 def getJointInfo(bodyUniqueId: int, jointIndex: int, physicsClientId: int = 0) -> tuple[Any, ...]:
     """Return number, name, type, -1, -1, 0, damping, friction, limits, effort, velocity and link of a joint.
 
-    What pybullet adds (axis, place in the parent, its number) is left out except for the parent's number.
+    Of pybullet's further values, axis and pose in the parent are placeholders; the parent's number is set.
     """
     robot, entry = _joint_entry(bodyUniqueId, jointIndex, physicsClientId)
     link = robot.link_dict[entry.child]
@@ -335,7 +335,7 @@ def getJointInfo(bodyUniqueId: int, jointIndex: int, physicsClientId: int = 0) -
 
 
 def getJointState(bodyUniqueId: int, jointIndex: int, physicsClientId: int = 0) -> tuple[Any, ...]:
-    """Return position, velocity, six zeros and 0 of a joint; zeros for a fixed one."""
+    """Return position, velocity, six zeros and 0 of a joint; only zeros for a fixed joint."""
     robot, entry = _joint_entry(bodyUniqueId, jointIndex, physicsClientId)
     if entry.name not in robot.joint_dict:
         return 0.0, 0.0, (0.0,) * 6, 0.0
@@ -346,17 +346,17 @@ def getJointState(bodyUniqueId: int, jointIndex: int, physicsClientId: int = 0) 
 def getJointStates(
     bodyUniqueId: int, jointIndices: Sequence[int], physicsClientId: int = 0
 ) -> tuple[Any, ...]:
-    """Return `getJointState` of several."""
+    """Return `getJointState` of each of several joints."""
     return tuple(getJointState(bodyUniqueId, one, physicsClientId) for one in jointIndices)
 
 
 def setJointMotorControl2(
     bodyUniqueId: int, jointIndex: int, controlMode: int, *_: Any, physicsClientId: int = 0, **named: Any
 ) -> None:
-    """Command a joint to a `targetPosition`.
+    """Command a joint to `targetPosition` [rad].
 
     Raises:
-        UnsimulatedError: for control by velocity or torque.
+        UnsimulatedError: for velocity or torque control.
     """
     if controlMode != CONSTANTS["POSITION_CONTROL"]:
         raise UnsimulatedError("control of joints by velocity or torque", "they go to positions")
@@ -372,7 +372,7 @@ def setJointMotorControlArray(
     physicsClientId: int = 0,
     **named: Any,
 ) -> None:
-    """Command joints to `targetPositions`; see `setJointMotorControl2`."""
+    """Command joints to `targetPositions` [rad]; see `setJointMotorControl2`."""
     targets = named.get("targetPositions", [0.0] * len(jointIndices))
     for index, target in zip(jointIndices, targets, strict=True):
         setJointMotorControl2(
@@ -383,7 +383,7 @@ def setJointMotorControlArray(
 def getLinkState(
     bodyUniqueId: int, linkIndex: int, *_: Any, physicsClientId: int = 0, **__: Any
 ) -> tuple[Any, ...]:
-    """Return position [m] and quaternion of a link, no offset of its center of mass, and both again."""
+    """Return position [m] and quaternion of a link, a zero offset, and both again."""
     robot = simulation_of(physicsClientId).robot(bodyUniqueId)
     names = {link.index: name for name, link in robot.link_dict.items()}
     if linkIndex not in names:
@@ -401,9 +401,9 @@ def calculateInverseKinematics(
     physicsClientId: int = 0,
     **__: Any,
 ) -> tuple[float, ...]:
-    """Return positions of all joints that move, in order, that bring a link to a place; the nearest ones.
+    """Return positions of all movable joints, in order, that bring a link to a pose, or near it.
 
-    The base stays where it is; unlike Bullet's these keep the limits.
+    The base does not move; unlike in Bullet, the positions respect the joint limits.
     """
     robot = simulation_of(physicsClientId).robot(bodyUniqueId)
     body, link = robot.body, getJointInfo(bodyUniqueId, endEffectorLinkIndex, physicsClientId)[12].decode()
@@ -420,7 +420,7 @@ def calculateInverseKinematics(
 def getContactPoints(
     bodyA: int = -1, bodyB: int = -1, linkIndexA: int = -2, linkIndexB: int = -2, physicsClientId: int = 0
 ) -> tuple[tuple[Any, ...], ...]:
-    """Return where a robot touches itself or bodies: 0, bodies, links, points, normal, distance, no force."""
+    """Return contacts of a robot with itself or bodies: 0, bodies, links, points, normal, distance, zeros."""
     found = simulation_of(physicsClientId)
     contacts = []
     for model, robot in found.robots.items():
@@ -444,7 +444,7 @@ def getContactPoints(
     return tuple(contacts)
 
 
-# Sliders, lines and keys of the window, which is none.
+# Sliders and events of Bullet's window, which does not exist.
 
 
 def addUserDebugParameter(
@@ -454,17 +454,17 @@ def addUserDebugParameter(
     startValue: float = 0.0,
     physicsClientId: int = 0,
 ) -> int:
-    """Make a slider, which nobody moves; return its number."""
+    """Create a slider, which keeps its initial value; return its number."""
     number = next(_NUMBERS)
     _SLIDERS[number] = float(startValue)
     return number
 
 
 def readUserDebugParameter(itemUniqueId: int, physicsClientId: int = 0) -> float:
-    """Return where a slider began.
+    """Return the initial value of a slider.
 
     Raises:
-        SimulationError: for a number that no slider has.
+        SimulationError: for an unknown slider.
     """
     if itemUniqueId not in _SLIDERS:
         raise SimulationError(f"readUserDebugParameter: there is no slider {shortened(repr(itemUniqueId))}")
@@ -472,12 +472,12 @@ def readUserDebugParameter(itemUniqueId: int, physicsClientId: int = 0) -> float
 
 
 def getKeyboardEvents(physicsClientId: int = 0) -> dict[int, int]:
-    """Return that no key is pressed."""
+    """Return an empty dictionary: no keys are pressed."""
     return {}
 
 
 def getMouseEvents(physicsClientId: int = 0) -> tuple[Any, ...]:
-    """Return that nobody moves the mouse."""
+    """Return an empty tuple: there are no mouse events."""
     return ()
 
 
@@ -495,7 +495,7 @@ def getEulerFromQuaternion(quaternion: Sequence[float], physicsClientId: int = 0
 
 
 def getMatrixFromQuaternion(quaternion: Sequence[float], physicsClientId: int = 0) -> tuple[float, ...]:
-    """Return the nine numbers of the rotation, row by row."""
+    """Return the nine numbers of the rotation matrix, row by row."""
     return tuple(map(float, rotation_from_quaternion(_unit(quaternion)).ravel()))
 
 
@@ -506,13 +506,13 @@ def multiplyTransforms(
     orientationB: Sequence[float],
     physicsClientId: int = 0,
 ) -> Place:
-    """Return position and quaternion of a place that is given as seen from another."""
+    """Return position [m] and quaternion of the product of two transforms."""
     first = pose(positionA, quaternion_xyzw=_unit(orientationA))
     return _place_of(first @ pose(positionB, quaternion_xyzw=_unit(orientationB)))
 
 
 def invertTransform(position: Sequence[float], orientation: Sequence[float]) -> Place:
-    """Return how the world lies as seen from a place."""
+    """Return position [m] and quaternion of the inverse of a transform."""
     return _place_of(np.asarray(np.linalg.inv(pose(position, quaternion_xyzw=_unit(orientation)))))
 
 
@@ -534,7 +534,7 @@ def _place_of(place: Array) -> Place:
 
 
 def _put(found: Simulation, parts: list[tuple[Any, Array]], base: Array, fixed: bool) -> int:
-    """Take a body in, at a place or lowered to the floor; return its number."""
+    """Add a body at a pose, lowered to the floor unless fixed; return its number."""
     if not fixed and parts and found.gravity[2] < 0.0:
         least = min(lowest(shape, base @ place) for shape, place in parts)
         base = pose((0.0, 0.0, -max(least, 0.0))) @ base
@@ -545,7 +545,7 @@ def _put(found: Simulation, parts: list[tuple[Any, Array]], base: Array, fixed: 
 
 
 def _joint_entry(number: int, index: int, client: int) -> tuple[PepperVirtual, Any]:
-    """Return a robot and what its description says of a joint.
+    """Return a robot and a joint's entry in its description.
 
     Raises:
         SimulationError: for an unknown robot or joint.
@@ -560,7 +560,7 @@ def _joint_entry(number: int, index: int, client: int) -> tuple[PepperVirtual, A
 
 
 def _end_of(found: Simulation, model: int, robot: PepperVirtual, name: str) -> tuple[int, int]:
-    """Return the number of a body or robot, and that of the link, that a thing in contact is of."""
+    """Return the numbers of the body or robot, and of the link, of a name in a contact."""
     body = next((k for k in found.bodies if name.startswith(f"body {k}/")), None)
     if body is not None:
         return body, -1

@@ -1,11 +1,11 @@
-"""The module `pybullet_data` without its files: shapes of the sizes of what programs load from it."""
+"""The module `pybullet_data` without its files: shapes of the same sizes as the files' objects."""
 
 from __future__ import annotations
 
 from pepper_kin.model import Box, Sphere
 
 FLOORS = ("plane.urdf", "plane100.urdf", "plane_transparent.urdf", "plane_implicit.urdf")
-"""Files that are a floor, which every simulation has."""
+"""Files of floors, which every simulation has."""
 
 OBJECTS: dict[str, tuple[Box | Sphere, tuple[float, float, float]]] = {
     "duck_vhacd.urdf": (Box((0.09, 0.085, 0.066)), (-0.007, 0.0435, 0.002)),
@@ -24,9 +24,9 @@ OBJECTS: dict[str, tuple[Box | Sphere, tuple[float, float, float]]] = {
     "sphere2.urdf": (Sphere(0.5), (0.0, 0.0, 0.0)),
     "soccerball.urdf": (Sphere(0.5), (0.0, 0.0, 0.0)),
 }
-"""End of a file's name -> the box or sphere around what it holds, and its center [m]."""
+"""Name of a file -> box or sphere around its object, and the center of that shape [m]."""
 
 
 def getDataPath() -> str:
-    """Return the name of the folder: its files are known by theirs."""
+    """Return a name in place of the folder: files are known by their names."""
     return "pybullet_data"

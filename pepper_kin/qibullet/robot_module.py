@@ -1,4 +1,4 @@
-"""Modules of a robot: what can be started and ended."""
+"""Base class of a robot's modules."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 class RobotModule:
-    """Something that runs beside a robot: a sensor, or the controller of the base.
+    """A module of a robot: a sensor, or the controller of the base.
 
     Args:
         robot_model: Number of the robot's model.
@@ -27,7 +27,7 @@ class RobotModule:
         """The simulated body.
 
         Raises:
-            SimulationError: for a module of no robot.
+            SimulationError: for a module without a robot.
         """
         return body_of(self.physics_client, -1 if self.robot_model is None else self.robot_model)
 

@@ -10,25 +10,25 @@ NAMES = ("Stand", "StandInit", "StandZero", "Crouch")
 
 
 class PepperPosture:
-    """A posture: joints and their angles, those of the library's model.
+    """A posture: joints and their angles in the library's model.
 
     Args:
-        posture_name: "Stand", "StandInit", "StandZero" or "Crouch", in any case.
+        posture_name: Name: "Stand", "StandInit", "StandZero" or "Crouch", in any case.
     """
 
     def __init__(self, posture_name: str) -> None:
         self.posture_name = posture_name
 
     def getPostureName(self) -> str:
-        """Return the name."""
+        """Return the name of the posture."""
         return self.posture_name
 
     def getPostureJointNames(self) -> list[str]:
-        """Return the joints."""
+        """Return the names of the joints."""
         return list(ACTUATED)
 
     def getPostureJointValues(self) -> list[float]:
-        """Return their angles [rad, for hands shares], in the order of the names."""
+        """Return the joints' angles [rad, for hands fractions], in the order of the names."""
         pepper = load_pepper(base="planar", hands="mimic")
         known = {name.lower(): name for name in NAMES}
         q = pepper.posture(known.get(self.posture_name.lower(), self.posture_name))

@@ -1,4 +1,4 @@
-"""Robots in a simulation: joints, links, cameras and sensors, whatever the robot."""
+"""Base class of robots in a simulation: joints, links, cameras and sensors."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ NO_FEET = "the weight under the feet (FSR)"
 
 
 class RobotVirtual:
-    """A robot of a simulation; `PepperVirtual` is the one that there is.
+    """A robot of a simulation; `PepperVirtual` is the only simulated one.
 
     Args:
-        description_file: The description that `loadRobot` would read.
+        description_file: File of the robot's description.
 
     Attributes:
-        robot_model: Number of its model, once it is loaded.
-        physics_client: Number of its simulation.
+        robot_model: Number of the robot's model, once it is loaded.
+        physics_client: Number of the simulation.
         camera_dict: Number of a camera -> camera.
-        joint_dict: Name -> joint.
-        link_dict: Name -> link.
+        joint_dict: Name of a joint -> joint.
+        link_dict: Name of a link -> link.
         imu: The inertial unit, or None.
     """
 
@@ -60,10 +60,10 @@ class RobotVirtual:
         return self._body
 
     def loadRobot(self, translation: Any, quaternion: Any, physicsClientId: int = 0) -> None:
-        """Refuse: the twin is made for Pepper; see `PepperVirtual.loadRobot`.
+        """Raise, as only Pepper is simulated; see `PepperVirtual.loadRobot`.
 
         Raises:
-            SimulationError: where the description file is missing.
+            SimulationError: if the description file is missing.
             UnsimulatedError: for other robots.
         """
         if not Path(self.description_file).is_file():
@@ -73,7 +73,7 @@ class RobotVirtual:
         raise UnsimulatedError(f"the robot of {self.description_file}", "this simulation is made for Pepper")
 
     def end(self) -> None:
-        """End what runs for the robot; it is not simulated any longer."""
+        """End the robot's simulation and its subscriptions."""
         for camera in self.camera_dict.values():
             camera.unsubscribe()
         if self.imu is not None:
@@ -82,7 +82,7 @@ class RobotVirtual:
             self._body.time.stop()
 
     def shown_points(self) -> NDArray[Any]:
-        """Return points of the world that the page in the browser marks [m], shape (k, 3)."""
+        """Return the points that the browser page marks in the world [m], shape (k, 3)."""
         return np.empty((0, 3))
 
     def getRobotModel(self) -> int | None:
@@ -97,7 +97,7 @@ class RobotVirtual:
         """Return a joint by name.
 
         Raises:
-            UnknownNameError: for an unknown one, a `KeyError`.
+            UnknownNameError: for an unknown joint, a `KeyError`.
         """
         if joint_name not in self.joint_dict:
             raise UnknownNameError("joint", joint_name, self.joint_dict)
@@ -107,17 +107,17 @@ class RobotVirtual:
         """Return a link by name.
 
         Raises:
-            UnknownNameError: for an unknown one, a `KeyError`.
+            UnknownNameError: for an unknown link, a `KeyError`.
         """
         if link_name not in self.link_dict:
             raise UnknownNameError("link", link_name, self.link_dict)
         return self.link_dict[link_name]
 
     def getLinkPosition(self, link_name: str) -> tuple[list[float], list[float]]:
-        """Return where a link is in the world: x, y, z [m], and the quaternion x, y, z, w.
+        """Return position x, y, z [m] and quaternion x, y, z, w of a link in the world.
 
         Raises:
-            UnknownNameError: for an unknown one, a `KeyError`.
+            UnknownNameError: for an unknown link, a `KeyError`.
         """
         link = self.getLink(link_name)
         with self.body.time.lock:
@@ -135,7 +135,7 @@ class RobotVirtual:
         """Return whether one of the links touches another part of the robot.
 
         Args:
-            link_names: A link, or several.
+            link_names: Name of a link, or a list of names.
 
         Raises:
             SimulationError: for an unknown link.
@@ -153,18 +153,18 @@ class RobotVirtual:
     def subscribeCamera(
         self, camera_id: int, resolution: CameraResolution = Camera.K_QVGA, fps: float = 30.0
     ) -> int | None:
-        """Begin to take pictures; return a handle, or None where there is no such camera.
+        """Subscribe to a camera; return a handle, or None for an unknown camera.
 
         Raises:
-            SimulationError: for something else than a resolution, or an fps that is not above 0.
+            SimulationError: for an invalid resolution, or an fps that is not above 0.
         """
         camera = self.camera_dict.get(camera_id)
         return None if camera is None else camera.subscribe(resolution, fps=fps)
 
     def unsubscribeCamera(self, handle: int) -> bool:
-        """Take no more pictures; return whether somebody had subscribed.
+        """End a subscription to a camera; return whether there was one.
 
-        In place of a handle the camera's number will do, as before version 1.4 of qiBullet.
+        The camera's number is accepted in place of a handle, as before version 1.4 of qiBullet.
         """
         camera = Camera._getCameraHandlesDict().get(handle, self.camera_dict.get(handle))
         return camera is not None and camera.unsubscribe()
@@ -173,7 +173,7 @@ class RobotVirtual:
         """Return the camera with a handle.
 
         Raises:
-            SimulationError: for a handle that nobody has.
+            SimulationError: for an unknown handle.
         """
         cameras = Camera._getCameraHandlesDict()
         if handle not in cameras:
@@ -183,12 +183,12 @@ class RobotVirtual:
         return cameras[handle]
 
     def getCameraFrame(self, handle: int | None = None) -> NDArray[Any] | None:
-        """Return the present picture: blue, green, red, shape (h, w, 3), or distances [mm], shape (h, w).
+        """Return the present image: blue, green, red, shape (h, w, 3), or distances [mm], shape (h, w).
 
-        Without a handle, as before version 1.4 of qiBullet, that of the camera that was subscribed to last.
+        Without a handle, as before version 1.4 of qiBullet, the camera of the last subscription is used.
 
         Raises:
-            SimulationError: for a handle that nobody has, or without one where no camera is subscribed to.
+            SimulationError: for an unknown handle, or without a handle if there is no subscription.
         """
         if handle is None:
             own = [k for k, one in Camera._getCameraHandlesDict().items() if one in self.camera_dict.values()]
@@ -199,33 +199,33 @@ class RobotVirtual:
         """Return the resolution of a subscription.
 
         Raises:
-            SimulationError: for a handle that nobody has.
+            SimulationError: for an unknown handle.
         """
         return self.getCamera(handle).getResolution()
 
     def getCameraFps(self, handle: int) -> float | None:
-        """Return how many pictures a second a subscription takes.
+        """Return the images a second of a subscription.
 
         Raises:
-            SimulationError: for a handle that nobody has.
+            SimulationError: for an unknown handle.
         """
         return self.getCamera(handle).getFps()
 
     def getCameraLink(self, handle: int) -> Link | None:
-        """Return the link that carries a camera.
+        """Return the link of a subscribed camera.
 
         Raises:
-            SimulationError: for a handle that nobody has.
+            SimulationError: for an unknown handle.
         """
         return self.getCamera(handle).getCameraLink()
 
     # The inertial unit.
 
     def subscribeImu(self, frequency: float | None = None) -> None:
-        """Begin to read the inertial unit, at a frequency [Hz] or at its own.
+        """Start reading the inertial unit, at a frequency [Hz] or its present one.
 
         Raises:
-            SimulationError: for a robot without one, or a frequency that is not above 0.
+            SimulationError: for a robot without inertial unit, or a frequency that is not above 0.
         """
         imu = self._imu()
         if frequency is not None:
@@ -233,15 +233,15 @@ class RobotVirtual:
         imu.subscribe()
 
     def unsubscribeImu(self) -> None:
-        """End reading the inertial unit.
+        """Stop reading the inertial unit.
 
         Raises:
-            SimulationError: for a robot without one.
+            SimulationError: for a robot without inertial unit.
         """
         self._imu().unsubscribe()
 
     def getImuGyroscopeValues(self) -> list[float]:
-        """Return the velocity of rotation [rad/s] in world axes; zeros until somebody subscribes.
+        """Return the angular velocity [rad/s] in world axes; zeros before a subscription.
 
         Raises:
             SimulationError: for a robot without inertial unit.
@@ -249,7 +249,7 @@ class RobotVirtual:
         return self._imu().getGyroscopeValues()
 
     def getImuAccelerometerValues(self) -> list[float]:
-        """Return the acceleration [m/s^2] in world axes, without gravity; zeros until somebody subscribes.
+        """Return the acceleration [m/s^2] in world axes, without gravity; zeros before a subscription.
 
         Raises:
             SimulationError: for a robot without inertial unit.
@@ -257,7 +257,7 @@ class RobotVirtual:
         return self._imu().getAccelerometerValues()
 
     def getImuValues(self) -> tuple[list[float], list[float]]:
-        """Return velocity of rotation [rad/s] and acceleration [m/s^2].
+        """Return angular velocity [rad/s] and acceleration [m/s^2] in world axes.
 
         Raises:
             SimulationError: for a robot without inertial unit.
@@ -273,13 +273,13 @@ class RobotVirtual:
             raise SimulationError(f"{type(self).__name__}: the robot has no inertial unit")
         return self.imu
 
-    # What NAO has under its feet.
+    # Sensors under NAO's feet.
 
     def getFsrHandler(self) -> None:
-        """Return None: there are no sensors under feet."""
+        """Return None: Pepper has no sensors under feet."""
 
     def getFsrValue(self, fsr_name: str) -> float:
-        """Refuse: there are no sensors under feet.
+        """Raise UnsimulatedError: Pepper has no sensors under feet.
 
         Raises:
             UnsimulatedError: always.
@@ -287,7 +287,7 @@ class RobotVirtual:
         raise UnsimulatedError(NO_FEET, "Pepper has wheels")
 
     def getFsrValues(self, fsr_names: list[str]) -> list[float]:
-        """Refuse: there are no sensors under feet.
+        """Raise UnsimulatedError: Pepper has no sensors under feet.
 
         Raises:
             UnsimulatedError: always.
@@ -295,7 +295,7 @@ class RobotVirtual:
         raise UnsimulatedError(NO_FEET, "Pepper has wheels")
 
     def getTotalFsrValues(self, fsr_names: list[str]) -> float:
-        """Refuse: there are no sensors under feet.
+        """Raise UnsimulatedError: Pepper has no sensors under feet.
 
         Raises:
             UnsimulatedError: always.

@@ -1,4 +1,4 @@
-"""Sensors in general: a frequency, and subscriptions."""
+"""Base class of sensors: frequency and subscriptions."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pepper_kin.qibullet.simulation import finite
 
 
 class Sensor(RobotModule):
-    """A sensor of a robot, read at a frequency while somebody subscribes to it."""
+    """A sensor of a robot, read at a frequency while there is a subscription."""
 
     def __init__(self, robot_model: int | None, physics_client: int) -> None:
         super().__init__(robot_model, physics_client)
@@ -19,15 +19,15 @@ class Sensor(RobotModule):
         self._read_at = -math.inf
 
     def subscribe(self, *arguments: Any, **options: Any) -> Any:
-        """Begin to read; each kind of sensor has its way."""
+        """Start reading; implemented by each kind of sensor."""
         raise NotImplementedError
 
     def unsubscribe(self) -> Any:
-        """End reading; each kind of sensor has its way."""
+        """Stop reading; implemented by each kind of sensor."""
         raise NotImplementedError
 
     def getFrequency(self) -> float | None:
-        """Return the frequency [Hz], or None where none was set."""
+        """Return the frequency [Hz], or None if none was set."""
         return self.frequency
 
     def setFrequency(self, frequency: float) -> None:
@@ -42,7 +42,7 @@ class Sensor(RobotModule):
         self.frequency = value
 
     def _is_due(self, now: float) -> bool:
-        """Return whether a period has passed at a time [s]; if so, count the next one from there."""
+        """Return whether a reading is due at a time [s]; if so, start the next period."""
         if self.frequency is None or now < self._read_at + 1.0 / self.frequency - 1e-9:
             return False
         self._read_at = now

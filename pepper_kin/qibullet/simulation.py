@@ -1,4 +1,4 @@
-"""Simulations by number: what runs in each, as clients of qiBullet count them."""
+"""Simulations by qiBullet's client number, with their robots and bodies."""
 
 from __future__ import annotations
 
@@ -19,26 +19,26 @@ if TYPE_CHECKING:
     from pepper_kin.qibullet.pepper_virtual import PepperVirtual
 
 TIME_STEP = 1.0 / 240.0
-"""Time of a step of Bullet, and so of `stepSimulation` [s]."""
+"""Timestep of Bullet and of `stepSimulation` [s]."""
 
 EARTH = (0.0, 0.0, -9.81)
 """Gravity when a simulation is launched [m/s^2]."""
 
 
 class Simulation:
-    """One simulation: its robots, what stands around them, and its gravity.
+    """A simulation: robots, obstacles around them, and gravity.
 
     Args:
-        client: Its number.
+        client: Number of the simulation.
         auto_step: Whether the wall clock drives it; otherwise `step` does.
-        gui: Whether each robot is shown by a page in the browser.
-        scene: What stands around the robots.
+        gui: Whether a browser page shows each robot.
+        scene: Obstacles around the robots.
 
     Attributes:
-        gravity: [m/s^2], three numbers.
-        light: Where the light was put [m], three numbers, or None.
-        robots: By the number of their model.
-        bodies: What `pybullet` has put around them, by number.
+        gravity: Gravity [m/s^2], three numbers.
+        light: Position of the light [m], three numbers, or None.
+        robots: Robots by the number of their model.
+        bodies: Bodies that `pybullet` has added, by number.
     """
 
     def __init__(self, client: int, auto_step: bool, gui: bool, scene: Scene | None) -> None:
@@ -52,13 +52,13 @@ class Simulation:
         self._pages: dict[int | None, BodyPage] = {}
 
     def add(self, robot: PepperVirtual) -> int:
-        """Take a robot in; return the number of its model."""
+        """Add a robot; return the number of its model."""
         number = self.new_number()
         self.robots[number] = robot
         return number
 
     def new_number(self) -> int:
-        """Return the number of the next robot or body."""
+        """Return a new number for a robot or a body."""
         self._next += 1
         return self._next
 
@@ -66,7 +66,7 @@ class Simulation:
         """Return the body with a number.
 
         Raises:
-            SimulationError: where there is none.
+            SimulationError: for an unknown number.
         """
         if number not in self.bodies:
             known = ", ".join(map(str, self.bodies)) or "(none)"
@@ -75,10 +75,10 @@ class Simulation:
         return self.bodies[number]
 
     def robot(self, model: int) -> PepperVirtual:
-        """Return the robot with a number.
+        """Return the robot with a model's number.
 
         Raises:
-            SimulationError: where there is none.
+            SimulationError: for an unknown number.
         """
         if model not in self.robots:
             known = ", ".join(map(str, self.robots)) or "(none)"
@@ -88,7 +88,7 @@ class Simulation:
         return self.robots[model]
 
     def show(self, robot: PepperVirtual) -> None:
-        """Open a page in the browser that follows a robot, where the simulation has a `gui`."""
+        """Open a browser page that shows a robot, if the simulation has a `gui`."""
         if self.gui:
             from pepper_kin.naoqi.body_page import BodyPage
 
@@ -96,7 +96,7 @@ class Simulation:
             page.open()
 
     def remove(self, model: int) -> None:
-        """End the modules of a robot and its page, and forget it."""
+        """Remove a robot; end its modules and close its page."""
         self.robot(model).end()
         page = self._pages.pop(model, None)
         if page is not None:
@@ -109,23 +109,23 @@ class Simulation:
             self.remove(model)
 
     def step(self) -> None:
-        """Let 1/240 s pass; the twins are computed in cycles of 20 ms, each when it is due."""
+        """Advance by 1/240 s; the twins are simulated in cycles of 20 ms, each when it is due."""
         for robot in tuple(self.robots.values()):
             robot.body.time.spend(TIME_STEP)
 
     def set_gravity(self, gravity: Sequence[float]) -> None:
-        """Let another gravity act on all robots [m/s^2], three numbers."""
+        """Set the gravity that acts on all robots [m/s^2], three numbers."""
         self.gravity = list(gravity)
         for robot in self.robots.values():
             robot.body.set_gravity(self.gravity)
 
     def set_scene(self, scene: Scene | None) -> None:
-        """Put something else around the robots, beside the bodies."""
+        """Replace the scene around the robots; the bodies remain."""
         self._own_scene = scene
         self.show_bodies()
 
     def show_bodies(self) -> None:
-        """Put the bodies where they are now."""
+        """Update the scene with the bodies' present poses."""
         scene = self._own_scene
         for number, one in self.bodies.items():
             for k, (shape, place) in enumerate(one.parts):
@@ -141,7 +141,7 @@ _LOCK = threading.Lock()
 
 
 def launch(auto_step: bool, gui: bool, scene: Scene | None) -> Simulation:
-    """Begin a simulation; its number is the smallest that is free."""
+    """Start a simulation; its number is the smallest free one."""
     with _LOCK:
         client = next(k for k in range(len(_SIMULATIONS) + 1) if k not in _SIMULATIONS)
         _SIMULATIONS[client] = Simulation(client, auto_step, gui, scene)
@@ -149,7 +149,7 @@ def launch(auto_step: bool, gui: bool, scene: Scene | None) -> Simulation:
 
 
 def end(client: int) -> bool:
-    """End a simulation; return whether there was one with this number."""
+    """End a simulation; return whether it existed."""
     simulation = running(client)
     if simulation is None:
         return False
@@ -160,7 +160,7 @@ def end(client: int) -> bool:
 
 
 def all_running() -> tuple[int, ...]:
-    """Return the numbers of the simulations that run."""
+    """Return the numbers of the running simulations."""
     return tuple(_SIMULATIONS)
 
 
@@ -173,7 +173,7 @@ def simulation_of(client: object) -> Simulation:
     """Return the simulation with a number.
 
     Raises:
-        SimulationError: where there is none.
+        SimulationError: for an unknown number.
     """
     simulation = running(client)
     if simulation is None:
@@ -188,7 +188,7 @@ def body_of(client: int, model: int) -> Body:
     """Return the simulated body of a robot.
 
     Raises:
-        SimulationError: where there is no such simulation or robot.
+        SimulationError: for an unknown simulation or robot.
     """
     return simulation_of(client).robot(model).body
 
@@ -197,7 +197,7 @@ def finite(value: Any, quantity: str, unit: str) -> float:
     """Return a finite number.
 
     Raises:
-        SimulationError: for anything else, naming the quantity.
+        SimulationError: for any other value, with the name of the quantity.
     """
     if isinstance(value, bool | str | bytes) or not hasattr(value, "__float__"):
         raise SimulationError(f"{quantity}: got {shortened(repr(value))}, expected a number [{unit}]")
@@ -216,7 +216,7 @@ def numbers(values: Any, quantity: str, count: int, unit: str) -> list[float]:
     """Return a list of finite numbers.
 
     Raises:
-        SimulationError: for another number of them, or anything else, naming the quantity.
+        SimulationError: for a wrong count or any other value, with the name of the quantity.
     """
     if isinstance(values, str | bytes) or not hasattr(values, "__len__") or len(values) != count:
         raise SimulationError(f"{quantity}: got {shortened(repr(values))}, expected {count} numbers [{unit}]")
@@ -227,12 +227,12 @@ def pose_on_floor(translation: Any, quaternion: Any) -> tuple[float, float, floa
     """Return x, y [m] and yaw [rad] of a robot that stands on the floor.
 
     Args:
-        translation: x, y, z [m].
-        quaternion: x, y, z, w; of any length above zero.
+        translation: Position x, y, z [m].
+        quaternion: Quaternion x, y, z, w, of any length above zero.
 
     Raises:
-        SimulationError: for other numbers of values.
-        UnsimulatedError: for a robot that would not stand on the floor.
+        SimulationError: for wrong counts or values.
+        UnsimulatedError: for a robot above the floor or tilted.
     """
     x, y, z = numbers(translation, "translation", 3, "m")
     a, b, c, w = numbers(quaternion, "quaternion", 4, "1")

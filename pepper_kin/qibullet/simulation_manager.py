@@ -1,4 +1,4 @@
-"""Simulations: launched, reset, stopped, and robots in them."""
+"""The manager of simulations and of robots in them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
 
 class SimulationManager:
-    """Launches simulations, and puts robots into them."""
+    """Launches simulations, and spawns robots in them."""
 
     def launchSimulation(
         self,
@@ -25,22 +25,22 @@ class SimulationManager:
         *,
         scene: Scene | None = None,
     ) -> int:
-        """Begin a simulation; return its number.
+        """Start a simulation; return its number.
 
         Args:
-            gui: Whether a page in the browser shows each robot.
-            use_shared_memory: Without meaning here.
-            auto_step: Whether the wall clock drives the simulation; otherwise time passes by
-                `stepSimulation`, and while a call waits.
-            scene: What stands around the robots, in place of bodies loaded by pybullet.
+            gui: Whether a browser page shows each robot.
+            use_shared_memory: Ignored.
+            auto_step: Whether the wall clock drives the simulation; otherwise time passes in
+                `stepSimulation` and in calls that wait.
+            scene: Obstacles around the robots; bodies of pybullet are added to them.
         """
         return simulation.launch(bool(auto_step), bool(gui), scene).client
 
     def resetSimulation(self, physics_client: int) -> None:
-        """Remove the robots and the scene; the simulation goes on.
+        """Remove robots, bodies and scene; the simulation goes on.
 
         Raises:
-            SimulationError: where there is no such simulation.
+            SimulationError: for an unknown simulation.
         """
         found = simulation_of(physics_client)
         found.clear()
@@ -48,44 +48,44 @@ class SimulationManager:
         found.set_scene(None)
 
     def stopSimulation(self, physics_client: int) -> None:
-        """End a simulation; without effect where there is none with this number."""
+        """End a simulation; without effect for an unknown one."""
         simulation.end(physics_client)
 
     def stepSimulation(self, physics_client: int) -> None:
-        """Let 1/240 s pass; without effect where the wall clock drives the simulation.
+        """Advance by 1/240 s; without effect if the wall clock drives the simulation.
 
         Raises:
-            SimulationError: where there is no such simulation.
+            SimulationError: for an unknown simulation.
         """
         simulation_of(physics_client).step()
 
     def getGravity(self, physics_client: int) -> list[float] | None:
-        """Return the gravity [m/s^2], three numbers; None where there is no such simulation."""
+        """Return the gravity [m/s^2], three numbers; None for an unknown simulation."""
         found = running(physics_client)
         return None if found is None else list(found.gravity)
 
     def setGravity(self, physics_client: int, gravity: Sequence[float]) -> None:
-        """Let another gravity act on the links [m/s^2], three numbers; the base stays on the floor.
+        """Set the gravity that acts on the links [m/s^2], three numbers; the base stays on the floor.
 
         Raises:
-            SimulationError: for no such simulation, or values that are not three finite numbers.
+            SimulationError: for an unknown simulation, or values that are not three finite numbers.
         """
         simulation_of(physics_client).set_gravity(numbers(gravity, "gravity", 3, "m/s^2"))
 
     def setLightPosition(self, physics_client: int, light_position: Sequence[float]) -> None:
-        """Keep where the light is [m], three numbers; the page in the browser has lights of its kind.
+        """Store the position of the light [m], three numbers; the browser page has its own lights.
 
         Raises:
-            SimulationError: for no such simulation, or values that are not three finite numbers.
+            SimulationError: for an unknown simulation, or values that are not three finite numbers.
         """
         found = simulation_of(physics_client)
         found.light = numbers(light_position, "light_position", 3, "m")
 
     def setScene(self, physics_client: int, scene: Scene | None) -> None:
-        """Put something else around the robots: what cameras and lasers meet, and where the base stops.
+        """Replace the scene around the robots, which cameras and lasers detect and the base avoids.
 
         Raises:
-            SimulationError: where there is no such simulation.
+            SimulationError: for an unknown simulation.
         """
         simulation_of(physics_client).set_scene(scene)
 
@@ -96,27 +96,27 @@ class SimulationManager:
         quaternion: Sequence[float] = UPRIGHT,
         spawn_ground_plane: bool = False,
     ) -> PepperVirtual:
-        """Put a Pepper into a simulation.
+        """Spawn a Pepper in a simulation.
 
         Args:
             physics_client: Number of the simulation.
-            translation: x, y, z of the base [m]; z is 0.
-            quaternion: x, y, z, w of the base, about the vertical axis.
-            spawn_ground_plane: Without meaning: there is always a floor.
+            translation: Position x, y, z of the base [m]; z must be 0.
+            quaternion: Quaternion x, y, z, w of the base, about the vertical axis.
+            spawn_ground_plane: Ignored: there is always a floor.
 
         Raises:
             SimulationError: for an unknown simulation, or values that are not finite numbers.
-            UnsimulatedError: for a robot that would not stand on the floor.
+            UnsimulatedError: for a robot above the floor or tilted.
         """
         pepper = PepperVirtual()
         pepper.loadRobot(translation, quaternion, physicsClientId=physics_client)
         return pepper
 
     def removePepper(self, pepper_virtual: PepperVirtual) -> None:
-        """Take a Pepper out of its simulation.
+        """Remove a Pepper from its simulation.
 
         Raises:
-            SimulationError: for a robot that is in none.
+            SimulationError: for a robot that is in no simulation.
         """
         model = pepper_virtual.getRobotModel()
         simulation_of(pepper_virtual.getPhysicsClientId()).remove(-1 if model is None else model)
@@ -128,7 +128,7 @@ class SimulationManager:
         quaternion: Sequence[float] = UPRIGHT,
         spawn_ground_plane: bool = False,
     ) -> NaoVirtual:
-        """Refuse: there is no model of NAO.
+        """Raise UnsimulatedError: NAO is not simulated.
 
         Raises:
             UnsimulatedError: always.
@@ -142,7 +142,7 @@ class SimulationManager:
         quaternion: Sequence[float] = UPRIGHT,
         spawn_ground_plane: bool = False,
     ) -> RomeoVirtual:
-        """Refuse: there is no model of Romeo.
+        """Raise UnsimulatedError: Romeo is not simulated.
 
         Raises:
             UnsimulatedError: always.

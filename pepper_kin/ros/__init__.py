@@ -1,14 +1,14 @@
-"""ROS 2 without ROS: transports that carry messages to other programs.
+"""ROS 2 without ROS: transports of messages between programs.
 
 RobotNode                                 a simulated Pepper as a node, over any transport
 RobotClient, FollowResult                 certified motions on any robot with `follow_joint_trajectory`
-BagRecorder, play_bag                     topics as MCAP files, and back
+BagRecorder, play_bag                     recording of topics as MCAP files, and playback
 LocalTransport                            within this program
 RosbridgeServer, RosbridgeClient          JSON over web sockets
-Transport                                 interface that all transports share
-Publisher, ActionServer, ServerGoal, GoalHandle, GoalResult, GoalStatus   what it takes and returns
+Transport                                 interface of all transports
+Publisher, ActionServer, ServerGoal, GoalHandle, GoalResult, GoalStatus   arguments and results of a transport
 QoS, RELIABLE, SENSOR_DATA, LATCHED, TRANSFORMS, CLOCK   quality of service
-TransportError                            what a transport cannot do
+TransportError                            error of a transport
 """
 
 from typing import TYPE_CHECKING

@@ -1,4 +1,4 @@
-"""Bags of topics: recorded from a transport, and played back to one.
+"""Recording of topics from a transport to a bag, and playback.
 
 with BagRecorder(transport, "run.mcap", {"/joint_states": "sensor_msgs/msg/JointState"}):
     ...
@@ -22,27 +22,27 @@ from pepper_kin.ros_messages.bags import Bag, BagWriter
 logger = logging.getLogger(__name__)
 
 LATCHED_TOPICS = ("/tf_static", "/robot_description")
-"""Topics whose last message late subscriptions receive."""
+"""Topics whose last message is sent to late subscriptions."""
 
 _QUEUE = QoS(depth=1000)
 
 
 class BagRecorder(Closable):
-    """Writes the messages of topics to an MCAP file, which is there, whole, after `close`; a context manager.
+    """Recorder of topics' messages to an MCAP file, which is complete after `close`; a context manager.
 
     Args:
-        transport: Where the topics are.
+        transport: Transport of the topics.
         path: The file; its folder must exist.
-        topics: Name -> type.
-        latched: Those whose last message is kept for late subscriptions.
-        clock: Returns the time of a message that arrives [ns]; the time of day if omitted.
+        topics: Name of each topic -> message type.
+        latched: Topics whose last message is kept for late subscriptions.
+        clock: Returns the arrival time of a message [ns]; wall time if omitted.
 
     Attributes:
-        count: Messages so far.
+        count: Number of recorded messages.
 
     Raises:
-        MissingDependencyError: where the package `mcap` is not installed.
-        FileFormatError: where the file cannot be written.
+        MissingDependencyError: if the package `mcap` is not installed.
+        FileFormatError: if the file cannot be written.
         UnknownNameError: for an unknown type.
         TransportError: for a topic of another type.
     """
@@ -70,10 +70,10 @@ class BagRecorder(Closable):
             raise
 
     def close(self) -> None:
-        """Complete the file; a second call does nothing.
+        """End the recording and complete the file; a second call does nothing.
 
         Raises:
-            FileFormatError: where it cannot be written.
+            FileFormatError: if it cannot be written.
         """
         self._end()
         self._bag.close()
@@ -107,18 +107,18 @@ def play_bag(
 
     Args:
         path: The file.
-        transport: Where they are published, under the topics' names in the file.
-        topics: Only these; all whose types the package has if omitted.
-        rate: How many times as fast as recorded.
-        latched: Topics whose last message late subscriptions receive.
+        transport: Transport to publish to, under the topics' names in the file.
+        topics: Names of the topics to publish; all with known types if omitted.
+        rate: Ratio of the speed to that of the recording.
+        latched: Topics whose last message is sent to late subscriptions.
 
     Returns:
-        The number of messages.
+        The number of published messages.
 
     Raises:
-        MissingDependencyError: where the package `mcap` is not installed.
-        FileFormatError: where the file cannot be read, or is damaged.
-        UnknownNameError: for a topic that the file does not have, or one in `topics` of an unknown type.
+        MissingDependencyError: if the package `mcap` is not installed.
+        FileFormatError: if the file cannot be read, or is damaged.
+        UnknownNameError: for a topic in `topics` that is not in the file or has an unknown type.
         InvalidValueError: for a rate that is not above 0.
     """
     if not 0.0 < rate < float("inf"):

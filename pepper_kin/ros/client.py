@@ -1,4 +1,4 @@
-"""The client's side: certified motions on any robot with an action `follow_joint_trajectory`."""
+"""Client of a robot: certified motions by the action `follow_joint_trajectory`."""
 
 from __future__ import annotations
 
@@ -33,23 +33,23 @@ from pepper_kin.supervision import (
 from pepper_kin.trajectory import Trajectory
 
 BEYOND = 0.5
-"""How far beyond its limits a joint may be stated [rad or m]."""
+"""Largest distance of a reported joint position beyond its limits [rad or m]."""
 
 RESTART = 1.0
-"""Time after which joint states may begin again with earlier stamps [s]."""
+"""Time without joint states after which earlier stamps are accepted again [s]."""
 
 
 @dataclass(frozen=True)
 class FollowResult:
-    """How a motion on the robot ended.
+    """Outcome of a motion on the robot.
 
     Attributes:
-        status: Of the motion.
-        message: What happened, in a sentence, and what is missing where rest is not confirmed.
-        at_rest: Whether the robot was measured at rest, and its goal has ended.
-        error_code: Of the action's result; None where there is none.
-        duration: How long it took [s].
-        largest_error: Largest difference of a joint between wanted and actual in the feedback [rad].
+        status: Status of the motion.
+        message: Reason, in a sentence, and what is missing if rest is not confirmed.
+        at_rest: Whether the robot was measured at rest, with its goal ended.
+        error_code: Error code of the action's result; None without a result.
+        duration: Duration of the motion [s].
+        largest_error: Largest error of a joint's position in the feedback [rad].
     """
 
     status: RobotMotionStatus
@@ -61,26 +61,26 @@ class FollowResult:
 
     @property
     def success(self) -> bool:
-        """Whether the end was reached."""
+        """Whether the motion completed."""
         return self.status is RobotMotionStatus.COMPLETED
 
     def report(self) -> str:
-        """Return what happened and what to try."""
+        """Return the outcome and advice as text."""
         return f"{self.message} {self.status.advice}"
 
 
 class RobotClient(Closable):
-    """A robot, or a simulated one, that is reached through a transport.
+    """Client of a robot, real or simulated, through a transport.
 
     Args:
-        transport: How messages travel; it stays open when the client closes.
-        pepper: The robot's model, whose names and units are used; Pepper with hands of one joint if omitted.
+        transport: Transport of the messages; it stays open when the client closes.
+        pepper: Model of the robot; Pepper with hands of one joint if omitted.
         controller: Name of the robot's controller.
-        topic: Where it publishes joint states.
-        joint_names: Our name of a joint -> the robot's, where they differ.
+        topic: Topic of the joint states.
+        joint_names: The model's name of a joint -> the robot's name, where they differ.
 
     Raises:
-        TransportError: where the transport cannot subscribe.
+        TransportError: if the transport cannot subscribe.
     """
 
     def __init__(
@@ -107,7 +107,7 @@ class RobotClient(Closable):
         )
 
     def close(self) -> None:
-        """Stop motions under way, wait for their end, and listen no more."""
+        """Stop running motions, wait for their end, and end the subscription."""
         self.stop()
         end = self.clock.now() + STOP_TIME
         while self._motions and self.clock.now() < end:
@@ -122,13 +122,13 @@ class RobotClient(Closable):
         return self.clock.now() - heard
 
     def joint_positions(self, timeout: float = 5.0) -> dict[str, float]:
-        """Return the positions of the joints, by our names [rad or m].
+        """Return the joint positions, by the model's names [rad or m].
 
         Args:
-            timeout: Time to wait for joint states that are not older than half a second [s].
+            timeout: Maximum time to wait for joint states younger than half a second [s].
 
         Raises:
-            TransportError: where none arrive.
+            TransportError: if none arrive.
         """
         end = self.clock.now() + timeout
         while self.age >= STATE_TIMEOUT:
@@ -144,13 +144,13 @@ class RobotClient(Closable):
     def configuration(self, timeout: float = 5.0) -> Array:
         """Return the joint positions in the model's order [rad or m], shape (n,).
 
-        Joints that the robot does not state are where the model is neutral.
+        Joints that the robot does not report have the model's neutral position.
 
         Args:
-            timeout: As in `joint_positions`.
+            timeout: Maximum time to wait for joint states younger than half a second [s].
 
         Raises:
-            TransportError: as in `joint_positions`.
+            TransportError: if none arrive.
         """
         q = np.array(self.pepper.neutral())
         for name, position in self.joint_positions(timeout).items():
@@ -168,27 +168,27 @@ class RobotClient(Closable):
         path_tolerance: float | None = None,
         on_progress: Callable[[float], object] | None = None,
     ) -> FollowResult:
-        """Let the robot follow a trajectory that passes its certificate; wait until it ends.
+        """Follow a trajectory that passes its certificate; return when the motion has ended.
 
-        It is stopped, and measured at rest, where joint states stop arriving or are no numbers, and where
-        this call is interrupted.
+        The robot is stopped, until it is measured at rest, if joint states stop arriving or are not finite,
+        or if the call is interrupted.
 
         Args:
-            trajectory: Of the model's joints.
-            scene: What stands around the robot, for the certificate.
-            payload: Point masses held, for the certificate, as `pepper_kin.trajectory.check` takes them.
-            joints: Which joints are sent; those that move if omitted.
-            path_tolerance: How far a joint may be from where it should be on the way [rad]; None for the
+            trajectory: Trajectory of the model's joints.
+            scene: Obstacles and attached objects for the certificate.
+            payload: Point masses for the certificate, by hand or frame [kg].
+            joints: Names of the joints to send; the moving joints if omitted.
+            path_tolerance: Largest position error of a joint during the motion [rad]; None for the
                 controller's own.
             on_progress: Called with the time along the trajectory [s].
 
         Returns:
-            How it ended.
+            Outcome of the motion.
 
         Raises:
-            InvalidValueError: for a trajectory that fails its certificate, with what fails and by how much;
-                or one of other joints.
-            TransportError: where the robot states no joints.
+            InvalidValueError: for a trajectory that fails its certificate, or one of other joints or of
+                the base.
+            TransportError: if the robot reports no joints.
         """
         if trajectory.joint_names != self.pepper.joint_names:
             raise InvalidValueError("trajectory", "one of other joints", f"one of {self.pepper.joint_names}")
@@ -217,11 +217,12 @@ class RobotClient(Closable):
         )
 
     def stop(self) -> None:
-        """Stop motions under way, also those whose certificate is being checked; they measure rest."""
+        """Stop running motions, also during their certificate's check; they end at measured rest."""
         for supervisor in tuple(self._motions):
             supervisor.request_stop()
 
     def _moved(self, trajectory: Trajectory) -> tuple[str, ...]:
+        """Return the joints that a trajectory moves; raise if it moves the base or nothing."""
         size = np.abs(trajectory.coefficients[:, 1:]).max(axis=(0, 1))
         names = tuple(n for n, s in zip(trajectory.joint_names, size, strict=True) if s > 1e-9)
         base = [name for name in names if name.startswith("Base")]
@@ -231,10 +232,10 @@ class RobotClient(Closable):
         return names
 
     def _away(self, trajectory: Trajectory, names: Sequence[str]) -> str:
-        """Return which joint is not where the trajectory starts; "" if all are there.
+        """Return which joint is not at the start of the trajectory; "" if all are.
 
-        Joints that are not sent have to be there as well, as far as the robot states them: the certificate
-        is one of all joints.
+        Joints that are not sent have to be there as well, if the robot reports them: the certificate covers
+        all joints.
         """
         here = self.joint_positions()
         for name, wanted in zip(trajectory.joint_names, trajectory.start.tolist(), strict=True):
@@ -258,10 +259,10 @@ class RobotClient(Closable):
         return goal
 
     def positions_of(self, names: Sequence[str]) -> tuple[float, list[float]]:
-        """Return when the joints were last stated, the earliest of them [s], and where they are [rad or m].
+        """Return the joints' positions [rad or m], and the earliest arrival time of their states [s].
 
         Raises:
-            UnusableStateError: where the last message was malformed, or a joint is not stated.
+            UnusableStateError: if the last message was malformed, or a joint is not reported.
         """
         with self._lock:
             if self._trouble:
@@ -273,11 +274,11 @@ class RobotClient(Closable):
         return min(state.heard_at for state in states), [state.position for state in states]
 
     def _beyond_limits(self, names: Sequence[str], positions: Array) -> str:
-        """Return which joint of the model is where none can be; "" if none is.
+        """Return which joint of the model is impossibly far beyond its limits; "" if none is.
 
         Args:
-            names: Joints.
-            positions: Of these [rad or m], shape (k,).
+            names: Names of the joints.
+            positions: Positions of the joints [rad or m], shape (k,).
         """
         for name, position in zip(names, positions.tolist(), strict=True):
             if name in self.pepper.joint_names:
@@ -289,12 +290,13 @@ class RobotClient(Closable):
         return ""
 
     def trouble_since(self, time: float) -> str:
-        """Return what was malformed in joint states that arrived since a time [s]; "" if nothing was."""
+        """Return the last fault of joint states that arrived since a time [s]; "" if there was none."""
         with self._lock:
             at, trouble = self._last_trouble
         return trouble if at >= time else ""
 
     def _on_joint_states(self, message: Any) -> None:
+        """Store the positions of a message, or its fault."""
         now, stamp = self.clock.now(), seconds(message.header.stamp)
         names = [self._ours.get(name, name) for name in message.name]
         positions = np.asarray(message.position, dtype=float)
@@ -316,12 +318,12 @@ class RobotClient(Closable):
             for name, position in zip(names, positions.tolist(), strict=True):
                 last = self._states.get(name)
                 if last is None or stamp == 0.0 or stamp > last.stamp or now > last.heard_at + RESTART:
-                    self._states[name] = _JointState(position, stamp, now)  # not one that is late or doubled
+                    self._states[name] = _JointState(position, stamp, now)  # no late or repeated message
 
 
 @dataclass(frozen=True)
 class _JointState:
-    """Where a joint is [rad or m], the stamp of the message [s], and when it arrived [s]."""
+    """Position of a joint [rad or m], stamp of the message [s] and its arrival time [s]."""
 
     position: float
     stamp: float

@@ -101,7 +101,7 @@ def serve(
 
 
 def _recorded(node: ros.RobotNode, path: Path | None) -> AbstractContextManager[Any]:
-    """Return what writes all topics of a node but pictures to a bag."""
+    """Return a recorder of all topics of a node but images, or a null context without a path."""
     if path is None:
         return nullcontext()
     topics = {name: kind for name, kind in node.topics.items() if not name.endswith("image_raw")}
@@ -124,7 +124,7 @@ def _print_start(transport: str, where: dict[str, Any], as_json: bool) -> None:
 def _transport(
     name: str, address: str | None, port: int | None, allow_remote: bool, token: str | None
 ) -> tuple[ros.Transport, dict[str, Any]]:
-    """Return a transport by name, and where clients find it."""
+    """Return a transport by name, and its address for clients."""
     if name == "rosbridge":
         server = transports.RosbridgeServer(
             "127.0.0.1" if address is None else address,

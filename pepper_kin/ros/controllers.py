@@ -1,4 +1,4 @@
-"""Joint trajectory controllers: topic, action and state of each, with the names of ros2_control."""
+"""Joint trajectory controllers with topic, action and state, by ros2_control's names."""
 
 from __future__ import annotations
 
@@ -49,24 +49,24 @@ STATE = "control_msgs/msg/JointTrajectoryControllerState"
 CANCELED = "canceled"
 
 GOAL_TOLERANCE = 0.05
-"""Where a goal states no tolerance, its joints arrive within this [rad]; the way has no tolerance then."""
+"""Default tolerance of joint positions at the goal [rad]; the path has no default tolerance."""
 
 GOAL_TIME = 2.0
-"""Where a goal states no time, it is met within this after the last point [s]."""
+"""Default time after the last point within which the goal must be reached [s]."""
 
 FEEDBACK_EVERY = 2
-"""Cycles between two messages of feedback."""
+"""Number of cycles between two feedback messages."""
 
 
 class Controller(ActionServer):
-    """One joint trajectory controller over the simulated body.
+    """Joint trajectory controller of the simulated body.
 
-    A new trajectory replaces those on any of its joints; their goals end as aborted.
+    A new trajectory replaces running trajectories of any of its joints; their goals are aborted.
 
     Args:
-        node: What it belongs to.
-        name: Of the controller.
-        joints: Which it may move; a trajectory may name some of them.
+        node: The node.
+        name: Name of the controller.
+        joints: Joints that the controller may move; a trajectory may have a part of them.
     """
 
     def __init__(self, node: RobotNode, name: str, joints: Sequence[str]) -> None:
@@ -80,18 +80,18 @@ class Controller(ActionServer):
         self._state = node.advertise(f"/{name}/controller_state", STATE)
 
     def on_trajectory(self, message: Any) -> None:
-        """Follow a trajectory that came as a message; a refused one is logged."""
+        """Follow a trajectory of a message; a refusal is logged."""
         try:
             self.follow(message)
         except TrajectoryRefusedError as error:
             logger.warning("%s: refused: %s", self.name, error)
 
     def follow(self, message: Any, handle: ServerGoal | None = None) -> ControllerTask | LiveGoal:
-        """Follow a trajectory, or go to its end by a live motion, from now or the time in its header.
+        """Follow a trajectory, or move to its end by a live motion, from now or its header's time on.
 
         Args:
             message: `trajectory_msgs/msg/JointTrajectory`.
-            handle: The goal of the action that it belongs to, for tolerances and feedback.
+            handle: The goal of the action, for tolerances and feedback.
 
         Raises:
             TrajectoryRefusedError: with the code and the reason.
@@ -121,7 +121,7 @@ class Controller(ActionServer):
             if handle is not None:
                 task.on_step = _feedback_to(handle, names)
                 self._goals[handle.goal_id] = task
-                if handle.goal_id in self._canceled:  # before it could begin
+                if handle.goal_id in self._canceled:  # canceled before its start
                     task.outcome, task.ended = (None, CANCELED), True
                     return task
             self.node.replace(names)
@@ -130,7 +130,7 @@ class Controller(ActionServer):
         return task
 
     def _delay(self, message: Any, duration: float) -> float:
-        """Return the time until a trajectory begins [s]."""
+        """Return the time until the start of a trajectory [s]."""
         begin = seconds(message.header.stamp)
         if begin == 0.0:
             return 0.0
@@ -143,7 +143,7 @@ class Controller(ActionServer):
         return delay
 
     def publish_state(self) -> None:
-        """Publish what is wanted and what is so; called once a cycle, with the body's lock held."""
+        """Publish desired and actual state; called once a cycle, with the body's lock held."""
         if not self._state.subscription_count:
             return
         body, rows = self.node.body, self._rows
@@ -166,11 +166,11 @@ class Controller(ActionServer):
         )
 
     def on_goal(self, goal: Any) -> bool:
-        """Accept every goal: one that cannot be followed ends at once, with code and text in its result."""
+        """Accept every goal: an impossible one ends at once, with code and text in its result."""
         return True
 
     def on_cancel(self, goal: ServerGoal) -> bool:
-        """Brake; the goal ends as canceled."""
+        """Accept the request: the joints brake, and the goal ends as canceled."""
         body = self.node.body
         with body.time.lock:
             task = self._goals.get(goal.goal_id)
@@ -204,7 +204,7 @@ class Controller(ActionServer):
 
 
 def _feedback_to(goal: ServerGoal, joints: Sequence[str]) -> Callable[[float, State, State], None]:
-    """Return what sends the feedback of a goal: time along the trajectory [s], desired and actual state."""
+    """Return a function that sends a goal's feedback: trajectory time [s], desired and actual state."""
     names, count = list(joints), 0
 
     def step(time: float, desired: State, actual: State) -> None:

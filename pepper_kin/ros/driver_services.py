@@ -1,4 +1,4 @@
-"""Offers of naoqi_driver2 and ros2_control beside motion: topics and services about the robot itself."""
+"""Topics and services of naoqi_driver2 and ros2_control about the robot itself."""
 
 from __future__ import annotations
 
@@ -20,24 +20,24 @@ logger = logging.getLogger(__name__)
 
 DRIVER = "/naoqi_driver"
 LANGUAGES = ("Chinese", "English", "French", "German", "Italian", "Japanese", "Spanish")
-"""Languages that `set_language` takes; nothing is spoken in any."""
+"""Languages that `set_language` accepts, without effect on speech."""
 
 WARM, HOT = 68.0, 74.0
-"""From these temperatures on the driver warns, and reports an error [degrees C]."""
+"""Motor temperatures from which the driver warns and reports an error [degrees C]."""
 
 CONTROLLER = "joint_trajectory_controller/JointTrajectoryController"
-STATE_RATE = 50  # [Hz]
+STATE_RATE = 50  # [Hz]; listed rate of the controllers
 
 
 class DriverServices:
     """Topics and services about the robot itself.
 
     Args:
-        node: What it belongs to.
+        node: The node.
 
     Attributes:
         said: The last texts of `/speech`.
-        language: What `set_language` has set.
+        language: Language that was set by `set_language`.
     """
 
     def __init__(self, node: RobotNode) -> None:
@@ -56,17 +56,17 @@ class DriverServices:
         node.offer_service("/controller_manager/list_controllers", listing, self.list_controllers)
 
     def publish(self) -> None:
-        """Publish the diagnostics where somebody listens; called with the body's lock held."""
+        """Publish the diagnostics if there is a subscription; called with the body's lock held."""
         if self._diagnostics.subscription_count:
             self._diagnostics.publish(self.diagnostics())
 
     def on_speech(self, message: Any) -> None:
-        """Keep what is to be said; the twin has no voice."""
+        """Store and log the text to be spoken; the twin has no voice."""
         self.said.append(str(message.data))
         logger.info("says: %s", message.data)
 
     def robot_config(self, _: Any) -> Any:
-        """Return naoqi_bridge_msgs/srv/GetRobotInfo_Response: what `ALMotion.getRobotConfig` says."""
+        """Return naoqi_bridge_msgs/srv/GetRobotInfo_Response: values of `ALMotion.getRobotConfig`."""
         known = dict(zip(*table("motion")["robot_config"], strict=True))
         kind: Any = message_type("naoqi_bridge_msgs/msg/RobotInfo")
         info = kind(
@@ -87,7 +87,7 @@ class DriverServices:
         return message_type("naoqi_bridge_msgs/srv/GetString_Response")(data=self.language)
 
     def set_language(self, request: Any) -> Any:
-        """Keep a language; return naoqi_bridge_msgs/srv/SetString_Response, without success for others."""
+        """Set a known language; return naoqi_bridge_msgs/srv/SetString_Response."""
         success = str(request.data) in LANGUAGES
         if success:
             self.language = str(request.data)
@@ -96,7 +96,7 @@ class DriverServices:
     def list_controllers(self, _: Any) -> Any:
         """Return controller_manager_msgs/srv/ListControllers_Response: all are active.
 
-        Each claims its joints while it moves them.
+        Each controller claims its joints while it moves them.
         """
         kind = message_type("controller_manager_msgs/msg/ControllerState")
         listed = []
@@ -119,7 +119,7 @@ class DriverServices:
         return message_type("controller_manager_msgs/srv/ListControllers_Response")(controller=listed)
 
     def diagnostics(self) -> Any:
-        """Return diagnostic_msgs/msg/DiagnosticArray as the driver has it: joints and the battery."""
+        """Return diagnostic_msgs/msg/DiagnosticArray with the driver's contents: joints and battery."""
         pepper, body = self.node.body.pepper, self.node.body
         made, heat, stiffness = [], [], []
         for name in ACTUATED:
@@ -160,7 +160,7 @@ class DriverServices:
         return self._keys[key]
 
     def _info(self) -> str:
-        """Return keys and values as the driver joins them, of those keys that the twin has."""
+        """Return the twin's configuration keys and values, in the driver's format."""
         return " ; ".join(
             f"{key}: {self._value(key)}" for key in self._keys.names if key.startswith("RobotConfig/")
         )

@@ -1,4 +1,4 @@
-"""A goal of `follow_joint_trajectory` and the joint states meanwhile, for a supervisor."""
+"""A goal of `follow_joint_trajectory`, watched by joint states, for a supervisor."""
 
 from __future__ import annotations
 
@@ -24,33 +24,33 @@ if TYPE_CHECKING:
     from pepper_kin.ros.client import RobotClient
 
 STATE_TIMEOUT = 0.5
-"""Joint states that are older than this end a motion [s]."""
+"""Maximum age of joint states during a motion [s]."""
 
 NEAR = 0.05
-"""How far the robot may be from the start of a motion, and from its end [rad]."""
+"""Largest deviation of a joint from the start of a motion, and from its end [rad]."""
 
 SETTLE = 2.0
-"""Time after its success in which a motion comes to rest [s]."""
+"""Maximum time to come to rest after the action's success [s]."""
 
 SLOWEST, LATEST = 3.0, 10.0
-"""A result comes within so many durations and so much time [s]; simulated robots may be slow."""
+"""Maximum time of a result: multiple of the motion's duration, plus a time [s]; simulations may be slow."""
 
 CANCEL_AGAIN, CANCEL_WAIT = 0.2, 0.2
-"""Time between two cancel requests, and for the answer of one [s]."""
+"""Time between two cancel requests, and timeout of their answers [s]."""
 
 STOP_TIME = 5.0
-"""The longest time in which rest is waited for [s]."""
+"""Maximum time to wait for rest [s]."""
 
 
 class GoalMotion(SupervisedMotion):
-    """A goal of the action, and the joint states meanwhile.
+    """A motion as a goal of the action, watched by joint states.
 
     Args:
-        client: Whose robot.
-        end: Joint -> where it ends [rad or m].
-        check: Raises what speaks against the motion, or returns the goal that is sent.
+        client: Client of the robot.
+        end: Joint -> position at the end [rad or m].
+        check: Returns the goal to send; raises if the motion must not start.
         on_progress: Called with the time along the trajectory [s].
-        duration: Of the motion [s].
+        duration: Duration of the motion [s].
     """
 
     stop_time = STOP_TIME
@@ -84,15 +84,15 @@ class GoalMotion(SupervisedMotion):
 
     @property
     def connected(self) -> bool:
-        """Always True: a transport does not say; rest is waited for until time is over."""
+        """Always True, as transports do not report it; the wait for rest has a timeout."""
         return True
 
     def check(self) -> None:
-        """Raise what speaks against the motion."""
+        """Raise if the motion must not start; else prepare the goal."""
         self._goal = self._check()
 
     def hand_over(self) -> bool:
-        """Send the goal."""
+        """Send the goal; return True."""
         self._begun = self._clock.now()
         name = f"/{self._client.controller}/follow_joint_trajectory"
         try:
@@ -107,7 +107,7 @@ class GoalMotion(SupervisedMotion):
             self._on_progress(seconds(message.desired.time_from_start))
 
     def step(self) -> bool:
-        """Look at the goal and the joint states."""
+        """Check the goal and the joint states; return whether the motion is complete."""
         assert self._handle is not None
         trouble = self._client.trouble_since(self._begun)
         if trouble:
@@ -135,11 +135,11 @@ class GoalMotion(SupervisedMotion):
         return False
 
     def _measure(self) -> list[float]:
-        """Return where the joints are, and keep it for the measurement of rest."""
+        """Return the joints' positions, and record them for the detection of rest."""
         heard, positions = self._client.positions_of(tuple(self._end))
         now = self._clock.now()
         if now > self._stepped + STATE_TIMEOUT / 2.0:
-            self._awake = now  # this process itself was silent: states have their time to arrive
+            self._awake = now  # this process itself paused: give states time to arrive
         self._stepped = now
         age = now - max(heard, self._awake)
         if age > STATE_TIMEOUT:
@@ -150,7 +150,7 @@ class GoalMotion(SupervisedMotion):
         return positions
 
     def _look_at_result(self) -> None:
-        """End the motion where the robot has not made it."""
+        """Raise MotionEndedError if the goal did not succeed."""
         assert self._handle is not None
         try:
             found = self._handle.result(0.0)

@@ -1,4 +1,4 @@
-"""Messages JointTrajectory as trajectories: checked, and interpolated as ros2_control does."""
+"""Conversion of JointTrajectory messages to checked trajectories, with ros2_control's interpolation."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from pepper_kin.ros_messages import message_type
 from pepper_kin.trajectory import Trajectory
 
 STANDING = 1e-3
-"""A last velocity up to this counts as rest [rad/s]."""
+"""Velocity of the last point up to which it counts as at rest [rad/s]."""
 
 LIMIT_SLACK = 1e-4
-"""Positions may be outside of the limits by this, for rounding [rad]."""
+"""Tolerance of position limits, for rounding [rad]."""
 
 MOST_POINTS = 100_000
-"""Points of a message that are accepted."""
+"""Maximum number of points of a message."""
 
 
 class ErrorCode(IntEnum):
@@ -40,11 +40,11 @@ class ErrorCode(IntEnum):
 
 
 class TrajectoryRefusedError(PepperKinError):
-    """A trajectory that is not followed.
+    """A trajectory was refused.
 
     Attributes:
-        code: Why, as action results state it.
-        reason: Why, in words with names and numbers.
+        code: Result code of the action.
+        reason: Reason with names and numbers.
     """
 
     def __init__(self, code: ErrorCode, reason: str) -> None:
@@ -53,11 +53,11 @@ class TrajectoryRefusedError(PepperKinError):
 
 
 class StartState(NamedTuple):
-    """What is commanded where a trajectory takes over, each of shape (n,) in the order of its joints.
+    """Commanded state at the start of a trajectory, arrays of shape (n,) in the order of its joints.
 
     Attributes:
-        position: [rad or m].
-        velocity: [rad/s or m/s].
+        position: Positions [rad or m].
+        velocity: Velocities [rad/s or m/s].
         lower: Lower limits of position [rad or m].
         upper: Upper limits of position [rad or m].
     """
@@ -69,15 +69,15 @@ class StartState(NamedTuple):
 
 
 def seconds(stamp: Any) -> float:
-    """Return a Time or a Duration message in seconds."""
+    """Convert a Time or Duration message to seconds."""
     return float(stamp.sec) + 1e-9 * float(stamp.nanosec)
 
 
 def check_joints(names: Sequence[str], allowed: Sequence[str], controller: str) -> None:
-    """Refuse joints that a controller does not have, or that occur twice.
+    """Check that joints belong to a controller and occur once.
 
     Raises:
-        TrajectoryRefusedError: with the code INVALID_JOINTS, naming them.
+        TrajectoryRefusedError: with the code INVALID_JOINTS and their names.
     """
     known = set(allowed)
     unknown = [name for name in names if name not in known]
@@ -95,10 +95,10 @@ def check_joints(names: Sequence[str], allowed: Sequence[str], controller: str) 
 
 
 def refuse_other_parts(goal: Any) -> None:
-    """Refuse a goal of control_msgs/action/FollowJointTrajectory that is not about joints alone.
+    """Refuse a goal of control_msgs/action/FollowJointTrajectory with parts besides joints.
 
     Raises:
-        TrajectoryRefusedError: naming the part.
+        TrajectoryRefusedError: with the name of the part.
     """
     parts = {
         "multi_dof_trajectory": goal.multi_dof_trajectory.points,
@@ -111,19 +111,19 @@ def refuse_other_parts(goal: Any) -> None:
 
 
 def trajectory_of(message: Any, start: StartState) -> Trajectory:
-    """Return the trajectory of a message, from where the joints are now.
+    """Return the trajectory of a message, from the joints' present commands.
 
-    Between two points it is of degree 5 where both have velocities and accelerations, of degree 3 where
-    both have velocities, and otherwise a line: as the JointTrajectoryController of ros2_control
-    interpolates.  It begins at time 0 with the state that is commanded now; a first point at time 0 is passed
-    over where others follow.
+    The interpolation equals ros2_control's JointTrajectoryController: degree 5 between two points that
+    both have velocities and accelerations, degree 3 if both have velocities, otherwise a line.  The
+    trajectory starts at time 0 with the present command; a first point at time 0 is skipped if other points
+    follow.
 
     Args:
-        message: `trajectory_msgs/msg/JointTrajectory` whose joints are checked.
-        start: Of its joints, in their order.
+        message: `trajectory_msgs/msg/JointTrajectory` with checked joints.
+        start: Commanded state of its joints, in their order.
 
     Raises:
-        TrajectoryRefusedError: with the code INVALID_GOAL, naming point, joint and what is wrong.
+        TrajectoryRefusedError: with the code INVALID_GOAL, the point, the joint and the reason.
     """
     names = tuple(str(name) for name in message.joint_names)
     points = list(message.points)
@@ -154,14 +154,14 @@ def _segments(
     points: tuple[Array, Array | None, Array | None],
     start: StartState,
 ) -> Trajectory:
-    """Return the polynomials through points; times [s], shape (T,)."""
+    """Return the polynomials through points at times [s], shape (T,)."""
     position, velocity, acceleration = points
     first = np.zeros(len(names)) if acceleration is None or times[0] > 0.0 else acceleration[0]
-    if times[0] == 0.0 and len(times) > 1:  # where the robot should be now, beside where it is
+    if times[0] == 0.0 and len(times) > 1:  # a desired position for now: the commanded one is used
         times, position = times[1:], position[1:]
         velocity = None if velocity is None else velocity[1:]
         acceleration = None if acceleration is None else acceleration[1:]
-    elif times[0] == 0.0:  # as soon as the limits allow
+    elif times[0] == 0.0:  # a single point at time 0: as soon as the limits allow
         times = np.array([1e-3])
     step = np.diff(times, prepend=0.0)
     place = np.vstack([start.position, position])
@@ -185,7 +185,7 @@ def _segments(
 
 
 def _table(points: list[Any], field: str, names: tuple[str, ...], required: bool = False) -> Array | None:
-    """Return a field of all points, shape (T, n), or None where it is empty throughout."""
+    """Return a field of all points, shape (T, n), or None if it is empty in all points."""
     rows = [getattr(point, field) for point in points]
     lengths = {len(row) for row in rows}
     if lengths == {0} and not required:
@@ -201,7 +201,7 @@ def _table(points: list[Any], field: str, names: tuple[str, ...], required: bool
 
 
 def _check_limits(names: tuple[str, ...], position: Array, start: StartState) -> None:
-    """Refuse positions [rad or m], shape (T, n), outside of the limits."""
+    """Raise for positions [rad or m], shape (T, n), outside the limits."""
     outside = (position < start.lower - LIMIT_SLACK) | (position > start.upper + LIMIT_SLACK)
     if outside.any():
         i, k = (int(x) for x in np.argwhere(outside)[0])
@@ -215,23 +215,23 @@ def _invalid(reason: str) -> TrajectoryRefusedError:
 
 
 class JointTolerance(NamedTuple):
-    """How far joints may be from what is wanted; infinity for any distance.
+    """Tolerances of joint errors; infinity for none.
 
     Attributes:
-        position: [rad or m], shape (n,).
-        velocity: [rad/s or m/s], shape (n,).
+        position: Largest position errors [rad or m], shape (n,).
+        velocity: Largest velocity errors [rad/s or m/s], shape (n,).
     """
 
     position: Array
     velocity: Array
 
     def violated(self, names: Sequence[str], error: Array, rate: Array) -> str:
-        """Return which joint violates it and by how much; "" where none does.
+        """Return which joint violates its tolerance and by how much; "" if none does.
 
         Args:
-            names: Joints.
-            error: Of the positions [rad or m], shape (n,).
-            rate: Of the velocities [rad/s or m/s], shape (n,).
+            names: Names of the joints.
+            error: Position errors [rad or m], shape (n,).
+            rate: Velocity errors [rad/s or m/s], shape (n,).
         """
         for quantity, value, most, unit in (
             ("position", error, self.position, "rad"),
@@ -248,12 +248,12 @@ class JointTolerance(NamedTuple):
 
 
 def tolerance_of(messages: Sequence[Any], names: Sequence[str], default: float) -> JointTolerance:
-    """Return the tolerances of a goal: 0 stands for the default, a negative value for none.
+    """Return the tolerances of a goal: 0 means the default, a negative value no tolerance.
 
     Args:
         messages: `control_msgs/msg/JointTolerance`.
-        names: Joints.
-        default: Of positions [rad or m]; velocities have none.
+        names: Names of the joints.
+        default: Default tolerance of positions [rad or m]; velocities have none.
 
     Raises:
         TrajectoryRefusedError: with the code INVALID_GOAL, for other joints, or NaN.
@@ -273,11 +273,11 @@ def tolerance_of(messages: Sequence[Any], names: Sequence[str], default: float) 
 
 
 def message_of(points: MotionPoints, joints: Sequence[str] | None = None) -> Any:
-    """Return trajectory_msgs/msg/JointTrajectory of points.
+    """Return a motion's points as trajectory_msgs/msg/JointTrajectory.
 
     Args:
-        points: The points, as `pepper_kin.files.ros_points` certifies them.
-        joints: Which of their joints the message has; None for all.
+        points: Certified points, from `pepper_kin.files.ros_points`.
+        joints: Names of the joints in the message; None for all.
     """
     names = points.joint_names if joints is None else tuple(joints)
     rows = [points.joint_names.index(name) for name in names]

@@ -1,4 +1,4 @@
-"""MoveIt's services of kinematics: `/compute_ik`, `/compute_fk` and `/compute_cartesian_path`."""
+"""MoveIt's kinematics services: `/compute_ik`, `/compute_fk` and `/compute_cartesian_path`."""
 
 from __future__ import annotations
 
@@ -34,25 +34,25 @@ COMPUTE_IK, COMPUTE_FK, CARTESIAN_PATH = "/compute_ik", "/compute_fk", "/compute
 IK_TYPE, FK_TYPE = "moveit_msgs/srv/GetPositionIK", "moveit_msgs/srv/GetPositionFK"
 PATH_TYPE = "moveit_msgs/srv/GetCartesianPath"
 TIPS = {"left_arm": "LArm_effector", "right_arm": "RArm_effector", "head": "CameraTop_optical_frame"}
-"""Links of groups, where a request names none."""
+"""Default link of each group."""
 
 HANDS = {"LArm_effector": "left", "RArm_effector": "right"}
-"""Links that follow lines."""
+"""Links of Cartesian paths -> hand."""
 
 LONGEST = 5.0
-"""Greatest time that a solution may take [s]."""
+"""Maximum time of a solution [s]."""
 
 FINEST = 1e-3
-"""Shortest step along a line [m]."""
+"""Minimum step along a line [m]."""
 
 MOST_WAYPOINTS = 1000
 
 
 class KinematicsServices:
-    """Solves for poses of links, says where links are, and leads hands along lines.
+    """Inverse kinematics, forward kinematics and Cartesian paths of hands, as services.
 
     Args:
-        node: What it belongs to.
+        node: The node.
     """
 
     def __init__(self, node: RobotNode) -> None:
@@ -62,9 +62,9 @@ class KinematicsServices:
         node.offer_service(CARTESIAN_PATH, PATH_TYPE, self.compute_cartesian_path)
 
     def compute_ik(self, request: Any) -> Any:
-        """Return moveit_msgs/srv/GetPositionIK_Response to a request.
+        """Solve inverse kinematics; return moveit_msgs/srv/GetPositionIK_Response.
 
-        A pose whose quaternion is 0 asks for the position alone: arms of five joints reach few poses.
+        A pose whose quaternion is 0 sets the position alone, as arms of five joints reach few poses.
         """
         wanted, response = request.ik_request, message_type(f"{IK_TYPE}_Response")()
         try:
@@ -109,6 +109,7 @@ class KinematicsServices:
         return [self._task(str(link), stamped) for link, stamped in pairs]
 
     def _task(self, link: str, stamped: Any) -> ik.Task | ik.TaskGroup:
+        """Return the task of a link's pose, or of its position if the quaternion is 0."""
         if link not in self.node.body.pepper.frame_names:
             raise RefusedError(CODES.INVALID_LINK_NAME, f"there is no link {link!r}")
         turn = stamped.pose.orientation
@@ -118,7 +119,7 @@ class KinematicsServices:
         return ik.FramePose(link, placed(self.node, stamped))
 
     def compute_fk(self, request: Any) -> Any:
-        """Return moveit_msgs/srv/GetPositionFK_Response: poses in the header's frame, or the world."""
+        """Return moveit_msgs/srv/GetPositionFK_Response: links' poses in the header's frame, or the world."""
         response = message_type(f"{FK_TYPE}_Response")()
         try:
             q = configuration_of(self.node, request.robot_state)
@@ -137,10 +138,10 @@ class KinematicsServices:
         return response
 
     def compute_cartesian_path(self, request: Any) -> Any:
-        """Return moveit_msgs/srv/GetCartesianPath_Response: a hand along lines through points, timed.
+        """Return moveit_msgs/srv/GetCartesianPath_Response: a timed motion of a hand along lines.
 
-        Positions of the way-points count.  Where the hand stops early `fraction` says how far it came, and
-        `error_code.message` why.
+        Only positions of the way-points count.  If the hand stops early, `fraction` is the completed part of
+        the path, and `error_code.message` the reason.
         """
         response = message_type(f"{PATH_TYPE}_Response")()
         try:
@@ -152,6 +153,7 @@ class KinematicsServices:
         return response
 
     def _lead(self, request: Any, response: Any) -> None:
+        """Plan and time a Cartesian path of a hand, and write it to the response."""
         body, link = self.node.body, str(request.link_name) or TIPS.get(str(request.group_name), "")
         if link not in HANDS:
             raise RefusedError(CODES.INVALID_LINK_NAME, f"{link!r} is not one of {', '.join(HANDS)}")
@@ -194,7 +196,7 @@ class KinematicsServices:
             response.solution.joint_trajectory = message_of(points, joints)
 
     def _frame(self, q: Array, link: str) -> Array:
-        """Return the pose of a link in the world, shape (4, 4); q: [rad or m], shape (n,)."""
+        """Return the pose of a link in the world, shape (4, 4); q: joint positions [rad or m], shape (n,)."""
         pepper = self.node.body.pepper
         if link not in pepper.frame_names:
             raise RefusedError(CODES.INVALID_LINK_NAME, f"there is no link {link!r}")

@@ -1,4 +1,4 @@
-"""Goals of trajectories to which a live motion goes, one after the other, without a stop between."""
+"""Goals of trajectories that a live motion reaches one after the other, without stops in between."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ if TYPE_CHECKING:
     from pepper_kin.naoqi.body import Body
 
 STEP_EVERY = 2
-"""Cycles of the body in one of the live motion."""
+"""Number of the body's cycles per cycle of the live motion."""
 
 DELAY = 0.1
-"""How far the joints of the body may be behind their commands [s]."""
+"""Maximum delay of the body's joints behind their commands [s]."""
 
-_THERE, _STILL = 1e-6, 1e-6  # [rad or m], [rad/s or m/s]
+_THERE, _STILL = 1e-6, 1e-6  # [rad or m], [rad/s or m/s]; position error and velocity at a goal
 
 
 class LiveGoal(BodyTask):
@@ -72,11 +72,11 @@ class LiveGoal(BodyTask):
 
     @property
     def progress(self) -> float:
-        """Share of the trajectory's duration that has passed, 0 to 1."""
+        """Fraction of the trajectory's duration that has passed, 0 to 1."""
         return 1.0 if self._arrived else min(max(self._elapsed / self._trajectory.duration, 0.0), 1.0)
 
     def step(self, body: Body) -> bool:
-        """Begin when it is time, then look where the joints are; the drive moves them."""
+        """Start when due, then check the joints' errors; the drive moves the joints."""
         if not self._aims:
             self._aims = self._elapsed >= 0.0 and self._drive.aim(self._rows, self._trajectory, self._end)
             self._elapsed += CYCLE if self._elapsed < 0.0 else 0.0
@@ -92,7 +92,7 @@ class LiveGoal(BodyTask):
         return self.outcome[0] is None
 
     def _decided(self, desired: State, actual: State) -> tuple[ErrorCode, str] | None:
-        """Return how it ends, if it does now."""
+        """Return the result code and a sentence if the goal ends now, else None."""
         drive, names, after = self._drive, self._names, f"aborted {self._elapsed:.2f} s after its begin"
         error, rate = desired.position - actual.position, desired.velocity - actual.velocity
         there = np.abs(desired.position - self._end).max() <= _THERE
@@ -114,7 +114,7 @@ class LiveGoal(BodyTask):
         return None
 
     def finish(self, body: Body) -> None:
-        """Let the joints stop, unless the goal was reached."""
+        """Stop the joints, unless the goal was reached."""
         if self._aims and self.outcome[0] is not ErrorCode.SUCCESSFUL:
             self._drive.release(self, self._rows)
         if self._aims and self._drive.moves:
@@ -122,11 +122,11 @@ class LiveGoal(BodyTask):
 
 
 class LiveBrake(BodyTask):
-    """Joints of a goal that is over, until the live motion stands.
+    """Brake the joints of an ended goal until the live motion is at rest.
 
     Args:
-        drive: What moves the joints.
-        joints: Names.
+        drive: The live motion of the joints.
+        joints: Names of the joints.
     """
 
     def __init__(self, drive: LiveDrive, joints: Sequence[str]) -> None:
@@ -134,35 +134,35 @@ class LiveBrake(BodyTask):
         self._drive = drive
 
     def step(self, body: Body) -> bool:
-        """Let the live motion go on; return whether it does."""
+        """Advance the live motion; return whether it still moves."""
         self._drive.step()
         return self._drive.moves
 
     def finish(self, body: Body) -> None:
-        """Go on for joints that nothing else takes over."""
+        """Continue with the joints that no other task takes over."""
         if self.resources and self._drive.moves:
             body.tasks.add(LiveBrake(self._drive, sorted(self.resources)))
 
 
 class LiveDrive:
-    """One live motion of a body's joints to the goals of all trajectories; see `LiveMotion`.
+    """A live motion of a body's joints to the goals of all trajectories; see `LiveMotion`.
 
-    It begins with the first goal, from rest, and is over where no goal is left and the robot stands.  The
-    tasks of goals let it command the body.  What moves in the scene goes on at the velocity that it had of
-    late; see `SceneTracker`.
+    It starts with the first goal, from rest, and ends when no goal is left and the robot is at rest.  The
+    tasks of the goals advance it.  Moving objects of the scene are assumed to keep their recent velocity; see
+    `SceneTracker`.
 
     Args:
         body: The simulated body.
-        share: Of the limits of velocity and acceleration, above 0 and up to 1.
+        share: Fraction of the limits of velocity and acceleration, above 0 and up to 1.
 
     Attributes:
         body: The simulated body.
-        wanted: Position, velocity and acceleration that are commanded, shape (n,) each.
-        reason: Why the robot does not go to its goals; empty where it does.
-        fault: Why it never will; empty where it may.
+        wanted: Commanded position, velocity and acceleration, shape (n,) each.
+        reason: Reason why the robot does not move to its goals; "" if it does.
+        fault: Reason why the robot cannot reach its goals any more; "" if it can.
 
     Raises:
-        InvalidValueError: for another share.
+        InvalidValueError: for a share outside (0, 1].
     """
 
     def __init__(self, body: Body, share: float) -> None:
@@ -188,10 +188,10 @@ class LiveDrive:
         delay: float,
         patience: float,
     ) -> LiveGoal:
-        """Return the task of a trajectory, see `LiveGoal`; called with the body's lock held.
+        """Return the task of a trajectory; the arguments are those of `LiveGoal`.  The body's lock is held.
 
         Raises:
-            TrajectoryRefusedError: where the robot would touch itself at its end.
+            TrajectoryRefusedError: if the robot would touch itself at its end.
         """
         live = self._running()
         q = self.body.configuration(False) if live is None else self._aimed(live)
@@ -203,21 +203,21 @@ class LiveDrive:
         return LiveGoal(self, trajectory, path, goal, goal_time, delay=delay, patience=patience)
 
     def aim(self, rows: Sequence[int], trajectory: Trajectory, end: Array) -> bool:
-        """Go to where a trajectory of some joints ends, along it where no other joint moves.
+        """Set the end of a trajectory of joints as goal, along the trajectory if no other joint moves.
 
         Args:
-            rows: Places of the joints.
-            trajectory: Of these joints.
-            end: Its end, within the limits.
+            rows: Indices of the joints.
+            trajectory: Trajectory of the joints.
+            end: End of the trajectory, clipped to the limits, shape (k,).
 
         Returns:
-            Whether all joints were ready to.
+            Whether the goal was set, or a fault found; False while joints still brake from an earlier motion.
         """
         body, live = self.body, self._running()
         if live is None:
             self._live = None
             if any(body.command_rate(name) for name in ACTUATED) or not body.controller.stands:
-                return False  # they brake, for what moved them before
+                return False  # they brake from an earlier motion
             self.reason = self.fault = ""
             try:
                 live = self._live = LiveMotion(
@@ -252,14 +252,14 @@ class LiveDrive:
         return bool(np.abs(self.wanted.velocity).max() > _STILL)
 
     def release(self, ended: LiveGoal, rows: Sequence[int]) -> None:
-        """Let the joints of a goal stop; called with the body's lock held."""
+        """Stop the joints of a goal; called with the body's lock held."""
         if self._live is not None and self._live.goal is not None:
             goal = self._aimed(self._live)
             goal[rows] = self._live.trajectory.end[rows]
             self._live.set_goal(goal if self._goals() - {ended} else None)
 
     def step(self) -> None:
-        """Command this cycle of the body, where no task has done so yet; called with its lock held."""
+        """Command this cycle of the body, unless done before; called with the body's lock held."""
         body, live = self.body, self._live
         now = body.time.now
         if live is None or now == self._stepped:
@@ -278,7 +278,7 @@ class LiveDrive:
         body.command[free] = self.wanted.position[free]
 
     def _plan(self, live: LiveMotion, now: float) -> None:
-        """Do a cycle of the live motion, in the world as it is now; what is wrong becomes the fault."""
+        """Do a cycle of the live motion in the present world; errors become the fault."""
         try:
             live.set_scene(self._seen(), now)
         except PepperKinError as error:
@@ -298,5 +298,5 @@ class LiveDrive:
         return {task for task in self.body.tasks if isinstance(task, LiveGoal) and task.started}
 
     def _aimed(self, live: LiveMotion) -> Array:
-        """Return where a live motion goes, or will stop, shape (n,)."""
+        """Return the goal of a live motion, or where it will stop [rad or m], shape (n,)."""
         return np.array(live.trajectory.end if live.goal is None else live.goal)

@@ -34,24 +34,23 @@ STATE_TYPE = "sensor_msgs/msg/JointState"
 _TRAJECTORY_TYPE = "trajectory_msgs/msg/JointTrajectory"
 _POINT_TYPE = "trajectory_msgs/msg/JointTrajectoryPoint"
 _ARRAY_TYPE = "std_msgs/msg/Float64MultiArray"
-_LARGEST = 4096  # numbers in a sample of a sensor; pictures have more and are left out
+_LARGEST = 4096  # numbers in a sample of a sensor; images have more and are not written
 
 
 def write_trajectory(path: PathName, points: MotionPoints) -> Path:
     """Write a motion as an MCAP recording.
 
-    Topic `/joint_states` (`sensor_msgs/msg/JointState`) has one message a sample, for plots and for playing
-    it; topic `/joint_trajectory` (`trajectory_msgs/msg/JointTrajectory`) has the whole motion in one message,
-    with accelerations where they are known, which is what
-    `read_trajectory` reads.  Time begins at 0.
+    Topic `/joint_states` (`sensor_msgs/msg/JointState`) has one message a sample, for plots and playback;
+    topic `/joint_trajectory` (`trajectory_msgs/msg/JointTrajectory`) has the whole motion in one message,
+    with accelerations if they are known, for `read_trajectory`.  Time starts at 0.
 
     Args:
         path: The file; its folder must exist.
-        points: The motion.
+        points: Points of the motion.
 
     Raises:
-        MissingDependencyError: where the package `mcap` is not installed.
-        FileFormatError: where the file cannot be written.
+        MissingDependencyError: if the package `mcap` is not installed.
+        FileFormatError: if the file cannot be written.
     """
     names, point = list(points.joint_names), message_type(_POINT_TYPE)
     whole = message_type(_TRAJECTORY_TYPE)(joint_names=names)
@@ -77,11 +76,11 @@ def read_trajectory(path: PathName, pepper: PepperModel | None = None) -> Trajec
 
     Args:
         path: The file.
-        pepper: The robot whose joints it must have, in its order; any joints, in radians, if omitted.
+        pepper: Model whose joints it must have, in order; any joints, in radians, if omitted.
 
     Raises:
-        MissingDependencyError: where the package `mcap` is not installed.
-        FileFormatError: naming path and point and what is wrong.
+        MissingDependencyError: if the package `mcap` is not installed.
+        FileFormatError: with path, point and reason.
     """
     message = _first(path)
     names = check_joint_names(path, list(message.joint_names), pepper)
@@ -100,14 +99,13 @@ def read_trajectory(path: PathName, pepper: PepperModel | None = None) -> Trajec
 
 
 def read_states(path: PathName) -> list[StateMessage]:
-    """Return all `sensor_msgs/msg/JointState` of a recording that hold positions, in its order.
+    """Return all `sensor_msgs/msg/JointState` with positions of a recording, in its order.
 
-    Their times are those of their headers, of which one may be 0; where all headers of a topic are 0, when
-    they were recorded.
+    Times are from the headers, of which one may be 0; if all of a topic are 0, from the recording.
 
     Raises:
-        MissingDependencyError: where the package `mcap` is not installed.
-        FileFormatError: for a file that cannot be read, is damaged or has no such message.
+        MissingDependencyError: if the package `mcap` is not installed.
+        FileFormatError: for a file that cannot be read, is damaged or has no message with positions.
     """
     bag, found, stamped = Bag(path), [], set()
     for topic, time, message in _messages(bag, STATE_TYPE):
@@ -125,12 +123,12 @@ def write_recording(path: PathName, run: Run) -> Path:
     """Write a run of the twin.
 
     Topics are `/joint_states` (`sensor_msgs/msg/JointState`) at every step, `/external_wrench`
-    (`std_msgs/msg/Float64MultiArray`) where forces act from outside, and for each sensor `/sensors/NAME` and
-    `/truth/NAME` (the same type), pictures excepted.
+    (`std_msgs/msg/Float64MultiArray`) at times with external forces, and for each sensor `/sensors/NAME` and
+    `/truth/NAME` (of the same type), except images.
 
     Raises:
-        MissingDependencyError: where the package `mcap` is not installed.
-        FileFormatError: where the file cannot be written.
+        MissingDependencyError: if the package `mcap` is not installed.
+        FileFormatError: if the file cannot be written.
     """
     names, array = list(run.joint_names), message_type(_ARRAY_TYPE)
     acting = (run.external_wrench != 0.0).any(axis=1)
@@ -159,7 +157,7 @@ def _first(path: PathName) -> Any:
 
 
 def _messages(bag: Bag, type_name: str) -> Iterator[BagMessage]:
-    """Yield the messages of a type, which must have the fields that ROS 2 gives it."""
+    """Yield the messages of a type, which must have ROS 2's fields."""
     for found in bag.messages(types=[type_name]):
         if not isinstance(found.message, message_type(type_name)):
             reason = f"{shortened(found.topic)} has messages {type_name} with other fields than ROS 2's"
@@ -172,16 +170,16 @@ def _held(bag: Bag) -> str:
 
 
 def _table(path: PathName, name: str, rows: list[Array], n: int) -> Array | None:
-    """Return T rows of n values as one array, shape (T, n); None where all rows are empty.
+    """Return T rows of n values as one array, shape (T, n); None if all rows are empty.
 
     Args:
         path: The file, for errors.
-        name: What the values are.
+        name: Name of the quantity, for errors.
         rows: T arrays, shape (n,) each.
         n: Number of joints.
 
     Raises:
-        FileFormatError: naming the first row of another length, or with a value that is not finite.
+        FileFormatError: for the first row of another length, or with a value that is not finite.
     """
     if not any(len(row) for row in rows):
         return None
@@ -200,10 +198,10 @@ def _state_message(
 
     Args:
         stamp: Time [ns].
-        names: Of the joints.
-        position: [rad or m], shape (n,).
-        velocity: [rad/s or m/s], shape (n,).
-        effort: [N m or N], shape (n,); none if omitted.
+        names: Names of the joints.
+        position: Positions [rad or m], shape (n,).
+        velocity: Velocities [rad/s or m/s], shape (n,).
+        effort: Torques or forces [N m or N], shape (n,); none if omitted.
     """
     message = message_type(STATE_TYPE)(name=names, position=position, velocity=velocity, effort=effort)
     message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, NANOSECONDS)

@@ -1,4 +1,4 @@
-"""Parts of messages: times, headers, vectors, rotations and poses."""
+"""Conversion of times, headers, vectors, rotations and poses to and from messages."""
 
 from __future__ import annotations
 
@@ -24,41 +24,41 @@ DURATION = message_type("builtin_interfaces/msg/Duration")
 
 
 def time_message(time: float) -> Any:
-    """Return builtin_interfaces/msg/Time of a time [s]."""
+    """Convert a time [s] to builtin_interfaces/msg/Time."""
     whole = int(time // 1.0)
     return TIME(sec=whole, nanosec=min(round((time - whole) * 1e9), 999_999_999))
 
 
 def duration_message(time: float) -> Any:
-    """Return builtin_interfaces/msg/Duration of a time [s]."""
+    """Convert a time [s] to builtin_interfaces/msg/Duration."""
     whole = int(time // 1.0)
     return DURATION(sec=whole, nanosec=min(round((time - whole) * 1e9), 999_999_999))
 
 
 def header(time: float, frame: str = "") -> Any:
-    """Return std_msgs/msg/Header of a time [s] and a frame."""
+    """Return std_msgs/msg/Header with a time [s] and a frame."""
     return HEADER(stamp=time_message(time), frame_id=frame)
 
 
 def quaternion(rotation: ArrayLike) -> Any:
-    """Return geometry_msgs/msg/Quaternion of a rotation matrix, shape (3, 3)."""
+    """Convert a rotation matrix, shape (3, 3), to geometry_msgs/msg/Quaternion."""
     x, y, z, w = quaternion_from_rotation(rotation).tolist()
     return QUATERNION(x=x, y=y, z=z, w=w)
 
 
 def vector(value: ArrayLike) -> Any:
-    """Return geometry_msgs/msg/Vector3 of a vector, shape (3,)."""
+    """Convert a vector, shape (3,), to geometry_msgs/msg/Vector3."""
     x, y, z = np.asarray(value, dtype=float).tolist()
     return VECTOR(x=x, y=y, z=z)
 
 
 def transforms(time: float, pairs: Sequence[tuple[str, str]], poses: Array) -> list[Any]:
-    """Return geometry_msgs/msg/TransformStamped of poses at a time [s].
+    """Convert poses at a time to a list of geometry_msgs/msg/TransformStamped.
 
     Args:
-        time: Of the stamps [s].
-        pairs: Parent and child of each, k of them.
-        poses: Of the children in their parents, shape (k, 4, 4).
+        time: Time of the stamps [s].
+        pairs: Parent and child frame of each pose, k pairs.
+        poses: Poses of the children in their parents, shape (k, 4, 4).
     """
     turns = quaternion_from_rotation(poses[:, :3, :3]).tolist()
     stamp = time_message(time)
@@ -74,7 +74,7 @@ def transforms(time: float, pairs: Sequence[tuple[str, str]], poses: Array) -> l
 
 
 def pose_message(pose: Array) -> Any:
-    """Return geometry_msgs/msg/Pose of a pose, shape (4, 4)."""
+    """Convert a pose, shape (4, 4), to geometry_msgs/msg/Pose."""
     x, y, z = pose[:3, 3].tolist()
     return message_type("geometry_msgs/msg/Pose")(
         position=POINT(x=x, y=y, z=z), orientation=quaternion(pose[:3, :3])
@@ -82,7 +82,7 @@ def pose_message(pose: Array) -> Any:
 
 
 def planar_pose(pose: ArrayLike) -> Array:
-    """Return the pose, shape (4, 4), of x, y [m], yaw [rad], shape (3,)."""
+    """Convert a planar pose x, y [m], yaw [rad], shape (3,), to a pose, shape (4, 4)."""
     x, y, yaw = (float(value) for value in np.asarray(pose, dtype=float))
     made = np.eye(4)
     made[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
@@ -91,7 +91,7 @@ def planar_pose(pose: ArrayLike) -> Array:
 
 
 def pose_of(message: Any) -> Array:
-    """Return the pose of geometry_msgs/msg/Pose, shape (4, 4).
+    """Convert geometry_msgs/msg/Pose to a pose, shape (4, 4).
 
     Raises:
         InvalidValueError: for NaN, infinity or a quaternion of length 0.

@@ -33,37 +33,37 @@ from pepper_kin.ros_messages import message_type
 logger = logging.getLogger(__name__)
 
 COMMAND_TIMEOUT = 0.5
-"""A velocity command holds this long [s]."""
+"""Default time for which a velocity command holds [s]."""
 
 SENSOR_RATE, ODOMETRY_RATE, STATE_RATE, DIAGNOSTICS_RATE = 10.0, 15.0, 50.0, 1.0
-"""Messages a second [Hz]."""
+"""Publishing rates [Hz]."""
 
 
 class RobotNode(Closable):
-    """A simulated Pepper as ROS 2 sees it: names, frames and rates of naoqi_driver2 and ros2_control.
+    """ROS 2 node of a simulated Pepper, with names, frames and rates of naoqi_driver2 and ros2_control.
 
     Args:
         body: The simulated body; its clock drives the node.
-        transport: How messages travel; one that is open, and stays so when the node closes.
-        cameras: Which of "front", "bottom" and "depth" are drawn, when somebody listens.
-        resolution: Of the cameras: "VGA", "QVGA" or "QQVGA".
+        transport: Open transport of the messages, which stays open when the node closes.
+        cameras: Cameras of "front", "bottom" and "depth" to render while they have subscriptions.
+        resolution: Resolution of the cameras: "VGA", "QVGA" or "QQVGA".
         robot: Name of the robot in the topics of the paper's simulation.
-        noise: Whether sensors are disturbed as real ones are.
-        command_timeout: A velocity command holds this long [s].
-        stamped: Whether `/cmd_vel` is a TwistStamped, as Nav2 sends by default, not naoqi_driver2's Twist,
+        noise: Whether sensor readings have noise.
+        command_timeout: Time for which a velocity command holds [s].
+        stamped: Whether `/cmd_vel` is a TwistStamped (Nav2's default) instead of naoqi_driver2's Twist,
             over rclpy and Cyclone DDS; other transports take both.
-        live: Share of the limits of velocity and acceleration with which trajectories are not followed, but
-            their ends gone to by one live motion, clear of what moves; None to follow them.
+        live: Fraction of the velocity and acceleration limits of a live motion that moves to the ends of
+            trajectories, clear of moving objects; None to follow trajectories instead.
 
     Attributes:
-        topics: Name -> type of the topics that it publishes.
-        live: What moves the joints in place of trajectories; None where these are followed.
+        topics: Name -> type of each published topic.
+        live: The live motion of the joints; None if trajectories are followed.
         epoch: Time of the clock at the body's start [s]: seconds since 1970 in real time, otherwise 0.
 
     Raises:
-        UnknownNameError: for another camera.
-        InvalidValueError: for a command_timeout that is not above 0, or a share that is not in (0, 1].
-        TransportError: where the transport cannot carry something of it.
+        UnknownNameError: for an unknown camera.
+        InvalidValueError: for a command_timeout that is not above 0, or `live` outside (0, 1].
+        TransportError: if the transport cannot carry a topic of the node.
     """
 
     def __init__(
@@ -110,16 +110,16 @@ class RobotNode(Closable):
 
     @property
     def now(self) -> float:
-        """Time of the clock, which stamps have [s]."""
+        """Time of the clock for stamps [s]."""
         return self.epoch + self.body.time.now
 
     @property
     def odometry(self) -> Array:
-        """Where the wheels say that the base is: x, y [m], yaw [rad], shape (3,)."""
+        """Pose of the base from wheel odometry: x, y [m], yaw [rad], shape (3,)."""
         return self._sensors.odometry
 
     def close(self) -> None:
-        """End topics, services and actions, and stop what they move; the body goes on."""
+        """Close topics, services and actions, and end all motion tasks; the body keeps running."""
         if self._on_cycle in self.body.listeners:
             self.body.listeners.remove(self._on_cycle)
             self._pictures.close()
@@ -129,7 +129,7 @@ class RobotNode(Closable):
             entry.close()
         self._open.clear()
 
-    # What its parts use.
+    # For the parts of the node.
 
     def advertise(self, topic: str, type_name: str, qos: QoS = RELIABLE) -> Publisher:
         """Return a publisher that is closed with the node."""
@@ -145,14 +145,14 @@ class RobotNode(Closable):
     def listen(
         self, topic: str, type_name: str, callback: Callable[[Any], None], qos: QoS = RELIABLE
     ) -> None:
-        """Subscribe until the node is closed; a warning where the type is not installed."""
+        """Subscribe until the node is closed; log a warning if the type is not installed."""
         try:
             self._open.append(self.transport.subscribe(topic, type_name, qos, callback))
         except MissingDependencyError as error:
             logger.warning("no topic %s: %s", topic, error)
 
     def offer_action(self, name: str, type_name: str, server: ActionServer) -> None:
-        """Offer an action until the node is closed; where that is impossible, topics go on: see the log."""
+        """Offer an action until the node is closed; a transport without actions is only logged."""
         try:
             self._open.append(self.transport.offer_action(name, type_name, server))
         except NotCarriedError as error:
@@ -161,7 +161,7 @@ class RobotNode(Closable):
             logger.warning("no action %s: %s", name, error)
 
     def offer_service(self, name: str, type_name: str, callback: Callable[[Any], Any]) -> None:
-        """Offer a service until the node is closed; where that is impossible, topics go on: see the log."""
+        """Offer a service until the node is closed; a transport without services is only logged."""
         try:
             self._open.append(self.transport.offer_service(name, type_name, callback))
         except NotCarriedError as error:
@@ -174,7 +174,7 @@ class RobotNode(Closable):
         self.body.tasks.kill(tasks, self.body)
 
     def replace(self, resources: Sequence[str]) -> None:
-        """End what moves any of these, for a task that takes over at its speed; called with the lock held."""
+        """End tasks of joints, for a task that takes over at their speed; called with the lock held."""
         for task in self.body.tasks.using(resources):
             if isinstance(task, ControllerTask):
                 task.replaced = True
@@ -187,12 +187,13 @@ class RobotNode(Closable):
             brake.resources.difference_update(resources)
 
     def stop(self, resources: Sequence[str] = ACTUATED) -> None:
-        """End what moves any of these; they brake.  Called with the lock held."""
+        """End tasks of joints, which brake; called with the lock held."""
         self.kill(self.body.tasks.using(resources))
 
-    # What it publishes.
+    # Publishing.
 
     def _advertise_all(self) -> None:
+        """Advertise all topics, and publish the latched ones."""
         model = f"/model/{self.robot}"
         self._clock = self.advertise("/clock", "rosgraph_msgs/msg/Clock")
         self._joint_states = [
@@ -227,7 +228,7 @@ class RobotNode(Closable):
         fixed.publish(self._states.fixed_transforms(self.now))
 
     def _on_cycle(self) -> None:
-        """Publish what is due; called after each cycle, with the body's lock held."""
+        """Publish the messages that are due; called after each cycle, with the body's lock held."""
         now, states = self.now, self._states
         self._sensors.read()
         self._clock.publish(message_type("rosgraph_msgs/msg/Clock")(clock=time_message(now)))
@@ -264,7 +265,7 @@ class RobotNode(Closable):
             controller.task = None
 
     def _publish(self, publishers: Sequence[Publisher], make: Callable[[], Any]) -> None:
-        """Publish a message where somebody listens; it is made once."""
+        """Publish a message to topics with subscriptions; it is created once, and only if needed."""
         wanted = [publisher for publisher in publishers if publisher.subscription_count]
         if wanted:
             message = make()

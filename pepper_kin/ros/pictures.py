@@ -1,4 +1,4 @@
-"""Pictures of the node's cameras: drawn beside the cycles, when somebody listens."""
+"""Camera images of the node, rendered while there are subscriptions."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ if TYPE_CHECKING:
     from pepper_kin.ros.node import RobotNode
 
 PERIOD_CYCLES = 5
-"""Cycles between two pictures: 10 Hz."""
+"""Number of cycles between two images: 10 Hz."""
 
 
 class CameraPictures:
     """The cameras of a node.
 
-    In real time a thread draws, as fast as it can up to 10 Hz, so that no cycle waits for a picture;
-    otherwise pictures are drawn within the cycles, 10 in a second of the simulation.
+    In real time a thread renders, as fast as it can up to 10 Hz, so that no cycle waits for an image;
+    otherwise images are rendered within the cycles, 10 in a simulated second.
 
     Args:
-        node: What it belongs to.
-        cameras: Names in topics.
-        resolution: "VGA", "QVGA" or "QQVGA".
+        node: The node.
+        cameras: Names of the cameras in topics.
+        resolution: Resolution of the images: "VGA", "QVGA" or "QQVGA".
     """
 
     def __init__(self, node: RobotNode, cameras: Sequence[str], resolution: str) -> None:
@@ -46,7 +46,7 @@ class CameraPictures:
             self._thread.start()
 
     def on_cycle(self) -> None:
-        """Draw, or let the thread draw, where a picture is due; called once a cycle."""
+        """Render, or let the thread render, if an image is due; called once a cycle."""
         self._cycle += 1
         if self._cycle % PERIOD_CYCLES:
             return

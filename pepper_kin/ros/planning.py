@@ -1,4 +1,4 @@
-"""The planning service: MoveIt's `GetMotionPlan`, answered by our planner with its reasons."""
+"""The planning service: MoveIt's `GetMotionPlan`, answered by the library's planner."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ if TYPE_CHECKING:
 
 
 SERVICE = "/plan_kinematic_path"
-"""Name that MoveIt gives this service."""
+"""MoveIt's name of the service."""
 
 TYPE = "moveit_msgs/srv/GetMotionPlan"
 CODES: Any = message_type("moveit_msgs/msg/MoveItErrorCodes")
 
 LONGEST, USUAL = 60.0, 5.0
-"""Greatest time that planning may take, and the time where a request states none [s]."""
+"""Maximum planning time, and default planning time of a request [s]."""
 
 ROUNDED = 1e-6
-"""How far beyond a limit rounding may bring a joint of a start state [rad or m]."""
+"""Tolerance of joint limits in a start state, for rounding [rad or m]."""
 
 _STATUS_CODES = {
     PlanStatus.START_IN_COLLISION: CODES.START_STATE_IN_COLLISION,
@@ -53,7 +53,7 @@ _STATUS_CODES = {
 
 
 class RefusedError(PepperKinError):
-    """A request that is refused, with a code of MoveIt's."""
+    """A request was refused, with a MoveIt error code."""
 
     def __init__(self, code: int, reason: str) -> None:
         self.code = code
@@ -61,16 +61,16 @@ class RefusedError(PepperKinError):
 
 
 class PlanningService:
-    """Plans motions of the simulated robot, from where it is or from a state that a request gives.
+    """Plans motions of the simulated robot, from its present state or the start state of a request.
 
-    A start state beyond the limits is refused.  A request gives `goal_constraints` of one kind: joint
-    positions; or the position of a link, as the pose of the first primitive of its region, perhaps with an
-    orientation.  `group_name` names a group or a controller whose joints may move; "" lets all joints that
-    hold a position move.  The answer is a trajectory that has passed its certificate, or the reason and the
-    advice in `error_code.message`.
+    A start state beyond the limits is refused.  A request has one of two kinds of `goal_constraints`: joint
+    positions; or the position of a link, as the pose of the first primitive of its region, optionally with
+    an orientation.  `group_name` is a group or a controller whose joints may move; with "" all joints that
+    hold a position may move.  The answer is a trajectory that has passed its certificate, or the reason and
+    the advice in `error_code.message`.
 
     Args:
-        node: What it belongs to.
+        node: The node.
     """
 
     def __init__(self, node: RobotNode) -> None:
@@ -79,7 +79,7 @@ class PlanningService:
         node.offer_service(SERVICE, TYPE, self.answer)
 
     def answer(self, request: Any) -> Any:
-        """Return moveit_msgs/srv/GetMotionPlan_Response to a request."""
+        """Plan a motion; return moveit_msgs/srv/GetMotionPlan_Response."""
         wanted = request.motion_plan_request
         response = message_type("moveit_msgs/msg/MotionPlanResponse")(group_name=wanted.group_name)
         begin = time.perf_counter()
@@ -95,6 +95,7 @@ class PlanningService:
         return message_type(f"{TYPE}_Response")(motion_plan_response=response)
 
     def _plan(self, wanted: Any, response: Any) -> None:
+        """Plan a motion of a request, and write it or the reason of the failure to the response."""
         pepper, scene = self.node.body.pepper, self.node.body.scene
         start, joints = (
             configuration_of(self.node, wanted.start_state),
@@ -111,7 +112,7 @@ class PlanningService:
     def _answer_with(
         self, found: Plan, start: Array, joints: tuple[str, ...], wanted: Any, response: Any
     ) -> None:
-        """Time a plan, examine it and put it into the response; start: [rad or m], shape (n,)."""
+        """Time and certify a plan, and write it to the response; start [rad or m], shape (n,)."""
         pepper = self.node.body.pepper
         rows = [pepper.joint_index(name) for name in joints]
         response.trajectory_start.joint_state.name = list(joints)
@@ -134,7 +135,7 @@ class PlanningService:
         response.trajectory.joint_trajectory = message_of(points, joints)
 
     def _goal(self, wanted: Any, start: Array, joints: tuple[str, ...]) -> Any:
-        """Return the goal for `plan`, a configuration or tasks; start: [rad or m], shape (n,)."""
+        """Return the goal for `plan`, a configuration or tasks; start [rad or m], shape (n,)."""
         if len(wanted.goal_constraints) != 1:
             raise _bad_goal(f"{len(wanted.goal_constraints)} goal_constraints, exactly 1 is planned for")
         goal = wanted.goal_constraints[0]
@@ -150,7 +151,7 @@ class PlanningService:
         return [self._task(goal)]
 
     def _joint_goal(self, constraints: Any, start: Array, joints: tuple[str, ...]) -> Array:
-        """Return the start with some joints elsewhere [rad or m], shape (n,) both."""
+        """Return the start with the joints of constraints changed [rad or m], shape (n,) both."""
         pepper, goal = self.node.body.pepper, start.copy()
         named = [str(constraint.joint_name) for constraint in constraints]
         if twice := [name for name in named if named.count(name) > 1]:
@@ -163,7 +164,7 @@ class PlanningService:
         return goal
 
     def _task(self, goal: Any) -> Any:
-        """Return the task of a pose."""
+        """Return the task of a position constraint, with an optional orientation."""
         position, pepper = goal.position_constraints[0], self.node.body.pepper
         region = position.constraint_region
         if position.link_name not in pepper.frame_names:
@@ -197,17 +198,17 @@ class PlanningService:
 
 
 def configuration_of(node: RobotNode, state: Any) -> Array:
-    """Return the commanded configuration with what a moveit_msgs/msg/RobotState states, shape (n,).
+    """Return the commanded configuration changed by a moveit_msgs/msg/RobotState [rad or m], shape (n,).
 
-    Wheels, which `/joint_states` has as well, have no place in it: the base stands where it stands.
+    Wheels, which `/joint_states` contains as well, are ignored: the base keeps its pose.
 
     Args:
-        node: Whose robot.
-        state: The message.
+        node: The node of the robot.
+        state: State message.
 
     Raises:
-        RefusedError: for a joint that there is not, or that stands twice, positions that are missing, not
-            finite or beyond the limits, a base elsewhere, or an object that the robot does not hold.
+        RefusedError: for an unknown or repeated joint, positions that are missing, not
+            finite or beyond the limits, a pose of the base, or an object that the robot does not hold.
     """
     body, pepper = node.body, node.body.pepper
     names, values = [str(name) for name in state.joint_state.name], np.asarray(state.joint_state.position)
@@ -241,7 +242,7 @@ def configuration_of(node: RobotNode, state: Any) -> Array:
 
 
 def refuse_constraints(constraints: Any, what: str) -> None:
-    """Raise RefusedError for a moveit_msgs/msg/Constraints that holds any."""
+    """Raise RefusedError for a moveit_msgs/msg/Constraints that is not empty."""
     kinds = ("joint_constraints", "position_constraints", "orientation_constraints", "visibility_constraints")
     held = [kind for kind in kinds if len(getattr(constraints, kind))]
     if held:
@@ -249,10 +250,10 @@ def refuse_constraints(constraints: Any, what: str) -> None:
 
 
 def joints_of(node: RobotNode, group: str) -> tuple[str, ...]:
-    """Return the joints of a group or a controller; "" for all that hold a position.
+    """Return the joints of a group or a controller; with "" all joints that hold a position.
 
     Raises:
-        RefusedError: for another group.
+        RefusedError: for an unknown group.
     """
     pepper = node.body.pepper
     if not group:
@@ -269,7 +270,7 @@ def placed(node: RobotNode, stamped: Any) -> Array:
     """Return the pose of a geometry_msgs/msg/PoseStamped in the world, shape (4, 4).
 
     Raises:
-        RefusedError: for a frame that there is not.
+        RefusedError: for an unknown frame.
     """
     try:
         return world_pose(node, stamped)
@@ -290,5 +291,5 @@ def _bad_goal(reason: str) -> RefusedError:
 
 
 def fail(response: Any, code: int, reason: str) -> None:
-    """Write why there is no answer."""
+    """Write an error code and its reason to a response."""
     response.error_code.val, response.error_code.message = code, reason

@@ -1,4 +1,4 @@
-"""The planning scene, as MoveIt's clients change and ask for it."""
+"""The planning scene, with the topics and services of MoveIt's clients."""
 
 from __future__ import annotations
 
@@ -34,18 +34,19 @@ WORLD = "world"
 
 
 class PlanningScene:
-    """Keeps the scene of the simulated body as messages say.
+    """Updates the scene of the simulated body from messages.
 
-    A message is taken whole or not at all: what cannot be taken is said in the log, and `success` is False.
-    An object of one shape has its own name in the scene, one of several `name/number`.
+    A message is applied completely or not at all: a refused message is logged, and `success` is False.  An
+    object of one shape has its own name in the scene; the parts of an object of several shapes are
+    `name/number`.
 
     Args:
-        node: What it belongs to.
+        node: The node.
     """
 
     def __init__(self, node: RobotNode) -> None:
         self.node, self._one = node, threading.Lock()
-        self._places: dict[str, Array] = {}  # objects of messages -> where they are, shape (4, 4)
+        self._places: dict[str, Array] = {}  # object of a message -> its pose, shape (4, 4)
         apply, ask = "moveit_msgs/srv/ApplyPlanningScene", "moveit_msgs/srv/GetPlanningScene"
         self._answers = message_type(f"{apply}_Response"), message_type(f"{ask}_Response")
         node.offer_service("/apply_planning_scene", apply, self.on_apply)
@@ -57,7 +58,7 @@ class PlanningScene:
         self._published.publish(self.message())
 
     def on_apply(self, request: Any) -> Any:
-        """Return moveit_msgs/srv/ApplyPlanningScene_Response to a request."""
+        """Apply a scene; return moveit_msgs/srv/ApplyPlanningScene_Response."""
         return self._answers[0](success=self.take(request.scene))
 
     def _on_scene(self, message: Any) -> None:
@@ -74,7 +75,7 @@ class PlanningScene:
         self.take(scene)
 
     def take(self, message: Any) -> bool:
-        """Change the scene by a moveit_msgs/msg/PlanningScene; return whether it could be taken."""
+        """Change the scene by a moveit_msgs/msg/PlanningScene; return whether it was accepted."""
         body = self.node.body
         with self._one:
             before = dict(self._places)
@@ -95,7 +96,7 @@ class PlanningScene:
         return True
 
     def _changed(self, scene: Scene, message: Any) -> Scene:
-        """Return a scene in which an object was added, extended, moved or removed."""
+        """Return a scene with an object added, extended, moved or removed."""
         name, operation = str(message.id), int(message.operation)
         parts = _parts(scene, name)
         if operation == _OBJECT.REMOVE:
@@ -128,7 +129,7 @@ class PlanningScene:
         return scene
 
     def _attached(self, scene: Scene, message: Any) -> Scene:
-        """Return a scene in which an object hangs on a link of the robot, or does so no longer."""
+        """Return a scene with an object attached to a link of the robot, or released."""
         body, name, link = self.node.body, str(message.object.id), str(message.link_name)
         with body.time.lock:
             q = body.configuration(True)
@@ -176,7 +177,7 @@ class PlanningScene:
         return made
 
     def _objects(self, shapes: dict[str, tuple[Any, Array]]) -> list[Any]:
-        """Return moveit_msgs/msg/CollisionObject of shapes by name, of those that MoveIt has."""
+        """Return moveit_msgs/msg/CollisionObject of shapes by name; shapes that MoveIt lacks are left out."""
         made: dict[str, Any] = {}
         for part, (shape, at) in shapes.items():
             name = next((one for one in self._places if _is_part(part, one)), part)
@@ -198,10 +199,10 @@ def _parts(scene: Scene, name: str) -> list[str]:
 
 
 def _shapes(message: Any) -> list[tuple[Any, Any]]:
-    """Return shapes and the messages of their poses in an object.
+    """Return the shapes of an object with the messages of their poses.
 
     Raises:
-        InvalidValueError: for cones, prisms and planes, or other numbers of poses than of shapes.
+        InvalidValueError: for cones, prisms and planes, or if the numbers of poses and shapes differ.
     """
     found = []
     for kind, shapes, poses in (
@@ -220,6 +221,7 @@ def _shapes(message: Any) -> list[tuple[Any, Any]]:
 
 
 def _shape(message: Any) -> Any:
+    """Convert a SolidPrimitive or a Mesh to a shape."""
     if hasattr(message, "vertices"):
         vertices = np.array([[p.x, p.y, p.z] for p in message.vertices]).reshape(-1, 3)
         faces = np.array([[*one.vertex_indices] for one in message.triangles], dtype=int).reshape(-1, 3)
@@ -236,7 +238,7 @@ def _shape(message: Any) -> Any:
 
 
 def _tell(message: Any, shape: Any, at: Any) -> bool:
-    """Put a shape into a CollisionObject; return whether it can have it."""
+    """Add a shape to a CollisionObject; return whether the message supports it."""
     if isinstance(shape, Box | Sphere | Cylinder):
         kind, size = _SOLID.BOX, list(getattr(shape, "size", ()))
         if isinstance(shape, Sphere):
@@ -258,7 +260,7 @@ def _tell(message: Any, shape: Any, at: Any) -> bool:
 
 
 def _allowed(scene: Scene, matrix: Any) -> Scene:
-    """Return a scene in which what a matrix allows may touch, as far as an object of the scene is in it."""
+    """Return a scene with the allowed collisions of a matrix, of pairs with an object of the scene."""
     names = [str(name) for name in matrix.entry_names]
     rows = [list(one.enabled) for one in matrix.entry_values]
     if [len(row) for row in rows] != [len(names)] * len(names):

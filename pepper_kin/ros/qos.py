@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pepper_kin.exceptions import InvalidValueError
 
 DEEPEST = 10_000
-"""Most messages that a queue may hold."""
+"""Maximum number of messages in a queue."""
 
 
 @dataclass(frozen=True)
@@ -15,12 +15,12 @@ class QoS:
     """Quality of service of a publisher or a subscription.
 
     Attributes:
-        depth: Messages kept for a slow receiver, the oldest are dropped first.
-        reliable: Lost messages are sent again; otherwise "best effort".
-        latched: The last `depth` messages are kept for subscriptions that come later ("transient local").
+        depth: Number of messages kept for a slow receiver; the oldest are dropped first.
+        reliable: Whether lost messages are sent again; otherwise "best effort".
+        latched: Whether the last `depth` messages are sent to later subscriptions ("transient local").
 
     Raises:
-        InvalidValueError: for a depth outside of 1 to 10,000.
+        InvalidValueError: for a depth outside 1 to 10,000.
     """
 
     depth: int = 10
@@ -33,16 +33,16 @@ class QoS:
 
 
 RELIABLE = QoS()
-"""ROS 2's default: `/joint_states`, `/cmd_vel`, trajectories."""
+"""ROS 2's default profile: `/joint_states`, `/cmd_vel`, trajectories."""
 
 SENSOR_DATA = QoS(depth=5, reliable=False)
-"""rmw's sensor-data profile: the newest counts, losses are acceptable."""
+"""rmw's sensor-data profile: the newest message counts, losses are acceptable."""
 
 LATCHED = QoS(depth=1, latched=True)
-"""`/tf_static`, `/robot_description`: late subscriptions receive the last message."""
+"""Profile of `/tf_static`, `/robot_description`: late subscriptions receive the last message."""
 
 TRANSFORMS = QoS(depth=100)
-"""`/tf`, as tf2's broadcaster and listener have it."""
+"""Profile of `/tf`, as of tf2's broadcaster and listener."""
 
 CLOCK = QoS(depth=1, reliable=False)
-"""`/clock`, as rclcpp subscribes to it."""
+"""Profile of `/clock`, as of rclcpp's subscription."""

@@ -1,4 +1,4 @@
-"""Messages of sensors: laser, sonar, inertia, bumpers, touch and cameras, laid out as naoqi_driver2 does."""
+"""Messages of sensors: laser, sonar, inertia, bumpers, touch and cameras, in naoqi_driver2's layout."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from pepper_kin.ros_messages import message_type
 from pepper_kin.twin.sensors import Camera, Reading, SensorSuite, published_scan
 
 LASER_ANGLE, LASER_STEP = 2.0944, 0.068669
-"""First angle, negated, and step of the published scan [rad]."""
+"""Half of the angular range, and angular step, of the published scan [rad]."""
 
 LASER_RANGE = (0.1, 3.0)
-"""Least and greatest distance of the published scan [m]."""
+"""Minimum and maximum distance of the published scan [m]."""
 
 BUMPERS = {"bumper_front_right": 0, "bumper_front_left": 1, "bumper_back": 2}
 HEAD_TOUCHES = {"head_touch_front": 1, "head_touch_middle": 2, "head_touch_rear": 3}
 HAND_TOUCHES = {"right_hand_touch": 0, "left_hand_touch": 3}
-"""Sensor of the twin -> number in the messages of naoqi_bridge_msgs."""
+"""Sensor of the twin -> its number in messages of naoqi_bridge_msgs."""
 
 CAMERAS = {
     "front": ("camera_top", "CameraTop_optical_frame"),
@@ -39,7 +39,7 @@ RECTIFIED = {
     ("camera_bottom", "QVGA"): (273.491455078125, 275.743133544922, 155.112454709117, 126.057357467223),
     ("camera_bottom", "QQVGA"): (138.705535888672, 138.954086303711, 77.2544255212306, 58.7000861760043),
 }
-"""Camera and resolution -> fx, fy, cx, cy of the driver's P, which rectified pictures have [pixels]."""
+"""Camera and resolution -> fx, fy, cx, cy of the driver's P, for rectified images [pixels]."""
 
 IMU_FRAMES = {"torso": "base_link", "base": "base_footprint"}
 """Part of the body -> frame of its inertial unit in the driver, whose `base_link` is the torso."""
@@ -50,7 +50,7 @@ class SensorMessages:
 
     Args:
         body: The simulated body.
-        noise: Whether readings are disturbed as those of the sensors are.
+        noise: Whether readings have the sensors' noise.
     """
 
     def __init__(self, body: Body, *, noise: bool = True) -> None:
@@ -60,7 +60,7 @@ class SensorMessages:
         self._pressed: dict[str, bool] = {}
 
     def read(self) -> None:
-        """Take the readings that are due now; called once a cycle, with the body's lock held."""
+        """Read the sensors that are due; called once a cycle, with the body's lock held."""
         body, state = self.body, self.body.state
         self._readings.update(
             self._suite.read(
@@ -75,7 +75,7 @@ class SensorMessages:
 
     @property
     def odometry(self) -> Array:
-        """Where the wheels say that the base is: x, y [m], yaw [rad], shape (3,)."""
+        """Pose of the base from wheel odometry: x, y [m], yaw [rad], shape (3,)."""
         return np.asarray(self._readings["wheel_odometry"].value, dtype=float)[:3]
 
     def scan(self, time: float) -> Any:
@@ -142,8 +142,8 @@ class CameraMessages:
 
     Args:
         body: The simulated body.
-        name: "front", "bottom" or "depth".
-        resolution: "VGA", "QVGA" or "QQVGA".
+        name: Name in topics: "front", "bottom" or "depth".
+        resolution: Resolution of the images: "VGA", "QVGA" or "QQVGA".
     """
 
     def __init__(self, body: Body, name: str, resolution: str = "QVGA") -> None:
@@ -154,7 +154,7 @@ class CameraMessages:
         self._rectified = RECTIFIED.get((camera, resolution), (lens.fx, lens.fy, lens.cx, lens.cy))
 
     def picture(self) -> NDArray[Any]:
-        """Return what the camera sees now: colors, or depths [mm]; takes the body's lock for a moment."""
+        """Return the present image: colors, or depths [mm]; takes the body's lock for a moment."""
         body = self.body
         with body.time.lock:
             q = body.configuration(True)
@@ -168,8 +168,8 @@ class CameraMessages:
         """Return sensor_msgs/msg/Image: rgb8, or 16UC1 in millimeters.
 
         Args:
-            picture: Of this camera, shape (height, width, 3) or (height, width).
-            time: Of the stamp [s].
+            picture: Image of this camera, shape (height, width, 3) or (height, width).
+            time: Time of the stamp [s].
         """
         height, width = picture.shape[:2]
         return message_type("sensor_msgs/msg/Image")(
@@ -183,7 +183,7 @@ class CameraMessages:
         )
 
     def info(self, time: float) -> Any:
-        """Return sensor_msgs/msg/CameraInfo at a time [s]; the driver states no distortion of depths."""
+        """Return sensor_msgs/msg/CameraInfo at a time [s]; as in the driver, depths have no distortion."""
         lens, (fx, fy, cx, cy) = self._camera.intrinsics, self._rectified
         return message_type("sensor_msgs/msg/CameraInfo")(
             header=header(time, self.frame),

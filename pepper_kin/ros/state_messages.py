@@ -1,4 +1,4 @@
-"""Messages about the robot's state: joints, transforms, odometry, clock, description."""
+"""Messages of the robot's state: joints, transforms, odometry and description."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ BASE_LINK = "base_link"
 
 
 class StateMessages:
-    """Messages about the state of a simulated body.
+    """Messages of the state of a simulated body.
 
     Args:
         body: The simulated body.
@@ -47,7 +47,7 @@ class StateMessages:
 
     @property
     def description(self) -> Any:
-        """std_msgs/msg/String with the URDF of the robot, of which base_footprint is the root."""
+        """std_msgs/msg/String with the URDF of the robot, whose root is base_footprint."""
         return message_type("std_msgs/msg/String")(data=self._described.urdf)
 
     def joint_states(self, time: float) -> Any:
@@ -66,8 +66,8 @@ class StateMessages:
         """Return tf2_msgs/msg/TFMessage of the joints and of odom -> base_footprint.
 
         Args:
-            time: Of the stamps [s].
-            odometry: Where the base believes to be: x, y [m], yaw [rad], shape (3,).
+            time: Time of the stamps [s].
+            odometry: Odometry of the base: x, y [m], yaw [rad], shape (3,).
         """
         poses = frame_poses(self.body.pepper, np.asarray(self.body.state.position), self._frames)
         parents, children = poses[self._parents], poses[self._children]
@@ -93,8 +93,8 @@ class StateMessages:
         """Return nav_msgs/msg/Odometry of base_link, with the twist in its axes.
 
         Args:
-            time: Of the stamp [s].
-            pose: Where the base believes to be: x, y [m], yaw [rad], shape (3,).
+            time: Time of the stamp [s].
+            pose: Odometry of the base: x, y [m], yaw [rad], shape (3,).
         """
         at = planar_pose(pose)
         base, link = frame_poses(self._described, self._described.neutral(), [BASE, BASE_LINK])
@@ -113,7 +113,7 @@ class StateMessages:
 
 
 def _edges(pepper: PepperModel) -> list[tuple[str, str, bool]]:
-    """Return parent, child and whether the joint moves, of all joints of a robot whose frames are known."""
+    """Return parent, child and whether the joint moves, of every joint between known frames."""
     known = set(pepper.frame_names)
     return [
         (joint.parent, joint.child, joint.type != "fixed")

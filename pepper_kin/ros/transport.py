@@ -1,8 +1,7 @@
-"""Interface of transports: topics, services and actions by name, independent of how they travel.
+"""Interface of transports: topics, services and actions by name, over any protocol.
 
-Messages are those of `pepper_kin.ros_messages.message_type`.  Callbacks arrive on threads of the transport,
-one after the other for each subscription; they must return soon.  An action's `execute` runs on a separate
-thread.
+Message classes are from `pepper_kin.ros_messages.message_type`.  Callbacks run on threads of the transport,
+one at a time for each subscription; they must return soon.  An action's `execute` runs on a separate thread.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ __all__ = [
 ]
 
 SERVER_WAIT = 5.0
-"""Time to wait for a service or an action server [s], where no other is set."""
+"""Default time to wait for a service or an action server [s]."""
 
 
 class GoalStatus(IntEnum):
@@ -48,10 +47,10 @@ class GoalStatus(IntEnum):
 
 
 class GoalResult(NamedTuple):
-    """How a goal ended.
+    """Outcome of a goal.
 
     Attributes:
-        status: SUCCEEDED, CANCELED or ABORTED; UNKNOWN where the connection was lost.
+        status: SUCCEEDED, CANCELED or ABORTED; UNKNOWN if the connection was lost.
         result: The action's Result message.
     """
 
@@ -64,7 +63,7 @@ class Closable(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """End it; a second call does nothing."""
+        """Close it; a second call does nothing."""
 
     def __enter__(self) -> Self:
         """Return itself."""
@@ -76,25 +75,25 @@ class Closable(ABC):
 
 
 class Publisher(Closable):
-    """Sends messages to a topic."""
+    """Publisher of a topic."""
 
     @abstractmethod
     def publish(self, message: Any) -> None:
         """Send a message of the topic's type.
 
         Raises:
-            InvalidValueError: naming the field, for a value that the type cannot hold, or another type.
+            InvalidValueError: for another type, or a value that the type cannot hold, with the field's name.
             TransportError: after `close`.
         """
 
     @property
     @abstractmethod
     def subscription_count(self) -> int:
-        """Number of subscriptions that match, so that pictures without a receiver need not be drawn."""
+        """Number of matching subscriptions, so that images without a receiver need not be rendered."""
 
 
 class NoPublisher(Publisher):
-    """Stands for a topic that cannot be published: nobody listens."""
+    """Publisher of a topic that cannot be published; it does nothing."""
 
     def publish(self, message: Any) -> None:
         """Do nothing."""
@@ -109,11 +108,11 @@ class NoPublisher(Publisher):
 
 
 class ServerGoal(ABC):
-    """A goal that was accepted, as its server sees it.
+    """Server side of an accepted goal.
 
     Attributes:
         goal: The action's Goal message.
-        goal_id: Its identifier, 16 bytes.
+        goal_id: Identifier of the goal, 16 bytes.
     """
 
     goal: Any
@@ -138,32 +137,32 @@ class ServerGoal(ABC):
         """End the goal as reached, with a Result message.
 
         Raises:
-            TransportError: where it has ended already.
+            TransportError: if it has ended already.
         """
 
     @abstractmethod
     def abort(self, result: Any) -> None:
-        """End the goal as failed, with a Result message; raises as `succeed`."""
+        """End the goal as failed, with a Result message; TransportError if it has ended already."""
 
     @abstractmethod
     def canceled(self, result: Any) -> None:
         """End the goal as canceled, with a Result message.
 
         Raises:
-            TransportError: where it has ended already, or no cancel request was accepted.
+            TransportError: if it has ended already, or no cancel request was accepted.
         """
 
 
 class ActionServer(ABC):
-    """What an action does; derive from it and pass it to `Transport.offer_action`."""
+    """Base class of an action's implementation, for `Transport.offer_action`."""
 
     @abstractmethod
     def on_goal(self, goal: Any) -> bool:
-        """Return whether a Goal message is accepted; on a thread of the transport, must return soon."""
+        """Return whether a Goal message is accepted; called on a transport's thread, must return soon."""
 
     @abstractmethod
     def on_cancel(self, goal: ServerGoal) -> bool:
-        """Return whether a cancel request is accepted; as `on_goal`."""
+        """Return whether a cancel request is accepted; called on a transport's thread, must return soon."""
 
     @abstractmethod
     def execute(self, goal: ServerGoal) -> None:
@@ -174,10 +173,10 @@ class ActionServer(ABC):
 
 
 class GoalHandle(ABC):
-    """A goal that was sent, as its client sees it.
+    """Client side of a goal that was sent.
 
     Attributes:
-        goal_id: Its identifier, 16 bytes.
+        goal_id: Identifier of the goal, 16 bytes.
         accepted: Whether the server accepted it.
     """
 
@@ -187,11 +186,11 @@ class GoalHandle(ABC):
     @property
     @abstractmethod
     def done(self) -> bool:
-        """Whether the result is there; True for a goal that was not accepted."""
+        """Whether the result has arrived; True for a goal that was not accepted."""
 
     @abstractmethod
     def cancel(self, timeout: float = SERVER_WAIT) -> bool:
-        """Request the end of the goal; return whether the server accepts that, False if it has ended.
+        """Request to cancel the goal; return whether the server accepts, False if the goal has ended.
 
         Raises:
             TransportError: without an answer within the time [s].
@@ -199,7 +198,7 @@ class GoalHandle(ABC):
 
     @abstractmethod
     def result(self, timeout: float | None = None) -> GoalResult:
-        """Wait for the result, for any time or for `timeout` [s].
+        """Wait for the result, without a limit or for at most `timeout` [s], and return it.
 
         Raises:
             TransportError: without a result within the time, or for a goal that was not accepted.
@@ -207,7 +206,7 @@ class GoalHandle(ABC):
 
 
 class Transport(Closable):
-    """Carries messages to other programs, or within this one.
+    """Transport of messages to other programs, or within this one.
 
     Names of topics, services and actions are absolute: "/joint_states".
     """
@@ -223,27 +222,27 @@ class Transport(Closable):
 
         Raises:
             UnknownNameError: for an unknown type.
-            TransportError: where this is impossible.
+            TransportError: if the transport is closed or cannot carry the topic.
         """
 
     @abstractmethod
     def subscribe(self, topic: str, type_name: str, qos: QoS, callback: Callable[[Any], None]) -> Closable:
-        """Call back with every message of a topic until the subscription returned is closed.
+        """Subscribe a callback to every message of a topic, until the returned subscription is closed.
 
-        Messages that cannot be read, and errors of the callback, are logged and end nothing; raises as
-        `advertise`.
+        Messages that cannot be read, and errors of the callback, are logged and end nothing; raises the
+        errors of `advertise`.
         """
 
     def second_type(self, topic: str, type_name: str) -> str | None:
-        """Return the name by which a topic that has a type already is subscribed to in a second one.
+        """Return the name for subscribing to a topic of one type in a second type.
 
-        None where a topic can have one type only.
+        None if topics can have one type only.
         """
         return None
 
     @abstractmethod
     def offer_service(self, name: str, type_name: str, callback: Callable[[Any], Any]) -> Closable:
-        """Answer calls of a service by `callback(request) -> response` until closed; raises as `advertise`.
+        """Offer a service until closed; raises the errors of `advertise`.
 
         Args:
             name: Name of the service.
@@ -256,17 +255,17 @@ class Transport(Closable):
         """Call a service and return its Response message.
 
         Raises:
-            TransportError: without a server or an answer within the time [s]; otherwise as `advertise`.
+            TransportError: without a server or an answer in time [s]; otherwise the errors of `advertise`.
         """
 
     @abstractmethod
     def offer_action(self, name: str, type_name: str, server: ActionServer) -> Closable:
-        """Offer an action until closed, which aborts goals under way; raises as `advertise`.
+        """Offer an action until closed, which aborts running goals; raises the errors of `advertise`.
 
         Args:
             name: Name of the action.
             type_name: Action type, such as "control_msgs/action/FollowJointTrajectory".
-            server: What it does.
+            server: Implementation of the action.
         """
 
     @abstractmethod
@@ -280,7 +279,7 @@ class Transport(Closable):
     ) -> GoalHandle:
         """Send a Goal message to an action and return when the server has accepted or refused it.
 
-        A goal that is accepted after this has raised is canceled then.
+        A goal that is accepted after this call has raised is canceled.
 
         Args:
             name: Name of the action.
@@ -290,5 +289,5 @@ class Transport(Closable):
             timeout: Time to wait for the server and its answer [s].
 
         Raises:
-            TransportError: without a server or an answer within the time; otherwise as `advertise`.
+            TransportError: without a server or an answer in time; otherwise the errors of `advertise`.
         """

@@ -1,12 +1,12 @@
 """ROS 2's messages without ROS: classes, their bytes, JSON values and type hashes.
 
 message_type, service_type, action_type   classes by name, such as "sensor_msgs/msg/JointState"
-Message, ServiceType, ActionType          what they return
+Message, ServiceType, ActionType          returned classes
 encode, decode                            messages as bytes (CDR) and back
 type_hash                                 the hash by which ROS 2 distinguishes versions of a type
-message_names, interface_names            what there is
-BagWriter, Bag, BagMessage                recordings of messages: MCAP files, as `ros2 bag` and Foxglove have
-MessageError                              bytes that do not hold a message
+message_names, interface_names            names of all types
+BagWriter, Bag, BagMessage                recordings of messages: MCAP files of `ros2 bag` and Foxglove
+MessageError                              error for bytes that are no valid message
 """
 
 from pepper_kin.ros_messages.bags import Bag, BagMessage, BagWriter

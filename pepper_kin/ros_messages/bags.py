@@ -1,4 +1,4 @@
-"""Recordings of messages of any type, as ROS 2 (`ros2 bag`) and Foxglove read and write them.
+"""Recordings of messages of any type, in the formats of ROS 2 (`ros2 bag`) and Foxglove.
 
 with BagWriter("run.mcap") as bag:
     bag.write("/joint_states", message, time=1_500_000_000)
@@ -34,17 +34,17 @@ from pepper_kin.ros_messages.rosbag2_storage import open_storage
 from pepper_kin.ros_messages.schemas import schema_text, schema_type
 
 _ENCODING, _SCHEMA = "cdr", "ros2msg"
-_NO_SYNTAX = ("", "unknown")  # what rosbag2 states of a type whose definition it did not find
+_NO_SYNTAX = ("", "unknown")  # rosbag2's value for a type without a known definition
 
 
 class BagMessage(NamedTuple):
     """A message of a recording.
 
     Attributes:
-        topic: Where it was published.
-        time: When it was recorded [ns].
-        message: The message; its class is the package's where the recording's definition agrees with it,
-            otherwise one that is made from that definition.
+        topic: Topic of the message.
+        time: Time of recording [ns].
+        message: The message, of the package's class if the recording's definition agrees with it,
+            otherwise of a class created from that definition.
     """
 
     topic: str
@@ -53,16 +53,16 @@ class BagMessage(NamedTuple):
 
 
 class BagWriter:
-    """Writes messages to a file, which is there, whole, after `close`; a context manager.
+    """Writer of messages to a file, which is complete after `close`; a context manager.
 
-    Where the context ends by an exception, nothing is left.
+    If the context ends by an exception, no file is left.
 
     Args:
         path: The file; its folder must exist.
 
     Raises:
-        MissingDependencyError: where the package `mcap` is not installed.
-        FileFormatError: where the file cannot be written.
+        MissingDependencyError: if the package `mcap` is not installed.
+        FileFormatError: if the file cannot be written.
     """
 
     def __init__(self, path: PathName) -> None:
@@ -79,13 +79,13 @@ class BagWriter:
         """Append a message.
 
         Args:
-            topic: Where it was published.
-            message: Of the type of the topic's first message.
-            time: When [ns], not below 0.
+            topic: Topic of the message.
+            message: Message of the same type as the topic's first one.
+            time: Time of recording [ns], not below 0.
 
         Raises:
-            InvalidValueError: naming the field, for a value that the type cannot hold; for another time.
-            FileFormatError: for a topic with messages of another type, after `close`, or where the file
+            InvalidValueError: for a value that the type cannot hold, with the field's name; an invalid time.
+            FileFormatError: for a topic with messages of another type, after `close`, or if the file
                 cannot be written.
         """
         if self._whole is None:
@@ -110,7 +110,7 @@ class BagWriter:
         """Complete the file and return its path; a second call does nothing.
 
         Raises:
-            FileFormatError: where it cannot be written; nothing is left then.
+            FileFormatError: if it cannot be written; no file is left then.
         """
         if self._whole is not None:
             try:
@@ -123,7 +123,7 @@ class BagWriter:
         return self.path
 
     def discard(self) -> None:
-        """Leave nothing of it; what was at the path before stays."""
+        """Delete the unfinished file; an earlier file at the path stays."""
         if self._whole is not None:
             whole, self._whole = self._whole, None
             with suppress(_DiscardedError):
@@ -150,19 +150,19 @@ class BagWriter:
 
 
 class _DiscardedError(Exception):
-    """Ends the context of a file that is not wanted."""
+    """Raised to end the context of a discarded file."""
 
 
 class Bag:
-    """A recording that is read.
+    """Reader of a recording.
 
     Args:
-        path: An MCAP file, with or without a summary; the folder of a bag (`metadata.yaml` and its files,
+        path: MCAP file, with or without a summary; folder of a bag (`metadata.yaml` and its files,
             compressed by zstd or not); or a `.db3` file.
 
     Raises:
-        MissingDependencyError: where the package `mcap` is needed and not installed.
-        FileFormatError: where it cannot be read or is not a complete recording.
+        MissingDependencyError: if the package `mcap` is needed and not installed.
+        FileFormatError: if it cannot be read or is not a complete recording.
     """
 
     def __init__(self, path: PathName) -> None:
@@ -172,10 +172,10 @@ class Bag:
 
     @cached_property
     def topics(self) -> dict[str, str]:
-        """Name -> type of all topics; "" for a topic without a type.
+        """Name -> type of each topic; "" for a topic without a type.
 
         Raises:
-            FileFormatError: as the class.
+            FileFormatError: if the recording cannot be read or is not complete.
         """
         return dict(sorted((topic.name, topic.type_name) for topic in self._storage.topics()))
 
@@ -185,16 +185,16 @@ class Bag:
         """Yield messages in the order of their times.
 
         Args:
-            topics: Only of these topics.
-            types: Only of these types, by full name.
+            topics: Names of the topics to read; all if omitted.
+            types: Full names of the types to read; all if omitted.
 
         Raises:
-            UnknownNameError: for one of `topics` that the recording does not have.
-            FileFormatError: for a damaged file, naming topic and time of a message that cannot be read, or
-                the topic that was chosen and is not of ROS 2, or whose definition cannot be used.
+            UnknownNameError: for a topic in `topics` that the recording does not have.
+            FileFormatError: for a damaged file; for a message that cannot be read, with topic and time; or
+                for a chosen topic that is not of ROS 2 or has an unusable definition.
 
         Warns:
-            FileFormatWarning: naming each topic that is left out for such a reason where none was chosen.
+            FileFormatWarning: for each topic left out for the same reason, without `topics` and `types`.
         """
         for name in topics or ():
             if name not in self.topics:
@@ -225,7 +225,7 @@ class Bag:
 
 
 def _class_of(topic: RecordedTopic) -> type[Message]:
-    """Return the class of a topic's messages; MessageError where they are not of ROS 2, saying why."""
+    """Return the class of a topic's messages; raise MessageError if they are not of ROS 2."""
     name = full_name(topic.type_name)
     if topic.serialization != _ENCODING:
         reason = f"messages are stored as {topic.serialization!r}, expected {_ENCODING!r}"

@@ -1,4 +1,4 @@
-"""Messages as bytes and back: CDR of version 1, as DDS, MCAP files and bags carry ROS 2's messages.
+"""Messages as bytes and back: CDR of version 1, the encoding of ROS 2's messages in DDS, MCAP and bags.
 
 Both byte orders are read; little-endian is written.
 
@@ -6,9 +6,9 @@ Source: OMG, Common Object Request Broker Architecture 3.3, part 2, section 9.3,
 four bytes of encapsulation, then the fields; numbers are aligned to their size; a string is its length with
 the final NUL, and UTF-8; a sequence is its length and its elements.
 
-For each type one function is written out and compiled by Python (`pepper_kin.ros_messages.cdr_functions`), so
-that numbers beside one another are read by one call of `struct`; rosbags, with a call for each number, takes
-1.3 (a picture) to 3 times as long (`docs/design.md`).
+For each type a function is generated and compiled by Python (`pepper_kin.ros_messages.cdr_functions`), so
+that adjacent numbers are read by one call of `struct`; rosbags, with a call for each number, takes 1.3 times
+(an image) to 3 times as long (`docs/design.md`).
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ _ORDERS = {b"\x00\x00": ">", b"\x00\x01": "<"}
 
 
 def encode(message: Message) -> bytes:
-    """Return a message as bytes.
+    """Encode a message as bytes.
 
     Raises:
-        InvalidValueError: naming the field, for a value that its type cannot hold.
+        InvalidValueError: for a value that its type cannot hold, with the field's name.
     """
     out = bytearray(ENCAPSULATION)
     try:
@@ -45,16 +45,16 @@ def encode(message: Message) -> bytes:
 
 
 def decode(kind: type[_Message], data: bytes | bytearray | memoryview) -> _Message:
-    """Return a message from bytes; its arrays are read-only views of them, or copies of big-endian ones.
+    """Decode a message; its arrays are read-only views of the bytes, or copies if they are big-endian.
 
-    Bytes after the last field are ignored: middleware pads messages to the size that it has estimated.
+    Bytes after the last field are ignored: middleware pads messages to an estimated size.
 
     Args:
         kind: Class of the message.
-        data: The bytes, from any source: every length is checked before memory is reserved.
+        data: Bytes from any source: every length is checked before memory is reserved.
 
     Raises:
-        MessageError: saying what is wrong and where, for bytes that do not hold such a message.
+        MessageError: for bytes that do not hold a message of the type, with the reason.
     """
     view = memoryview(data).toreadonly()
     order = _ORDERS.get(bytes(view[:2]))

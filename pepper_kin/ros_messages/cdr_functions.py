@@ -1,7 +1,7 @@
-"""Functions that encode and decode one message type, written out as Python source.
+"""Generation of functions that encode and decode one message type, as Python source.
 
-The generator knows the offset modulo M of the next byte, with M in {1, 2, 4, 8}: numbers whose alignment
-follows from it are packed by one `struct.Struct`; elsewhere the function aligns while it runs.
+The generator tracks the offset of the next byte modulo M in {1, 2, 4, 8}: numbers whose alignment
+follows from it are packed by one `struct.Struct`; others are aligned at run time.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ _ZEROS = tuple(bytes(n) for n in range(8))
 
 
 class _Source:
-    """Lines of a function, its constants, and what is known of the offset.
+    """Source lines of a function, its constants, and the known part of the offset.
 
     Args:
         order: "<" for little-endian numbers, ">" for big-endian ones, as in `struct`.
@@ -40,26 +40,26 @@ class _Source:
         self._count = 0
 
     def name(self, prefix: str) -> str:
-        """Return a new name."""
+        """Return a new name of a variable."""
         self._count += 1
         return f"_{prefix}{self._count}"
 
     def constant(self, prefix: str, value: Any) -> str:
-        """Return the name of a constant."""
+        """Add a constant; return its name."""
         name = self.name(prefix)
         self.space[name] = value
         return name
 
     def add(self, *lines: str) -> None:
-        """Append lines."""
+        """Append source lines."""
         self.lines += lines
 
     def known(self, modulus: int, offset: int = 0) -> None:
-        """Set what is known of the offset."""
+        """Set the known part of the offset: modulus and remainder."""
         self.modulus, self.offset = modulus, offset % modulus
 
     def groups(self) -> list[tuple[int, list[tuple[str, str]], struct.Struct]]:
-        """Return pending numbers in groups: alignment at run time (1 for none), members, layout."""
+        """Return the pending numbers in groups of alignment at run time (1 for none), members and layout."""
         found: list[tuple[int, list[tuple[str, str]], str]] = []
         for expression, code, size in self.pending:
             if size > self.modulus:
@@ -75,19 +75,19 @@ class _Source:
         return [(align, members, struct.Struct(self.order + layout)) for align, members, layout in found]
 
     def function(self, head: str, filename: str) -> Any:
-        """Return the compiled function."""
+        """Compile the source, and return the function."""
         source = head + "\n    " + "\n    ".join(self.lines)
         exec(compile(source, filename, "exec"), self.space)
         return self.space["_function"]
 
 
 def encoder(kind: type[Message]) -> Any:
-    """Return `function(message, out)`, which appends to a bytearray that begins with the encapsulation."""
+    """Return `function(message, out)`, which appends to a bytearray that starts with the encapsulation."""
     return _cached(kind, 8, "<", _encoders, _make_encoder)
 
 
 def decoder(kind: type[Message], order: str = "<") -> Any:
-    """Return `function(view, position, size)`, which returns a message and the position of its end.
+    """Return `function(view, position, size)`, which returns a message and its end position.
 
     Args:
         kind: Class of the message.
@@ -109,7 +109,7 @@ def _cached(kind: type[Message], modulus: int, order: str, cache: _Cache, make: 
 
 
 def least_size(found: type[Message]) -> int:
-    """Return the fewest bytes that a message takes: bounds how many can follow in so many bytes."""
+    """Return the minimum size of a message [bytes], which bounds the length of a sequence."""
     size = 0
     for field in found.definition.fields:
         one = 4
@@ -130,6 +130,7 @@ def _make_encoder(kind: type[Message], modulus: int, order: str) -> Any:
 
 
 def _encode_fields(source: _Source, kind: type[Message], owner: str) -> None:
+    """Add the lines that encode the fields of a message; `owner` is its expression."""
     if not kind.definition.fields:
         source.pending.append(("0", "B", 1))
     for field in kind.definition.fields:
@@ -154,6 +155,7 @@ def _encode_fields(source: _Source, kind: type[Message], owner: str) -> None:
 
 
 def _flush_out(source: _Source) -> None:
+    """Add the lines that pack the pending numbers."""
     for align, members, layout in source.groups():
         if align > 1:
             source.add(f"out += _zeros[(4 - len(out)) & {align - 1}]")
@@ -163,6 +165,7 @@ def _flush_out(source: _Source) -> None:
 
 
 def _encode_array(source: _Source, kind: type[Message], field: Field, expression: str) -> None:
+    """Add the lines that encode an array or a sequence."""
     value = source.name("a")
     source.add(f"{value} = {expression}")
     if field.base in PRIMITIVES:
@@ -221,7 +224,7 @@ def _make_decoder(kind: type[Message], modulus: int, order: str) -> Any:
 
 
 def _decode_fields(source: _Source, kind: type[Message]) -> tuple[str, list[str]]:
-    """Return the name of the message and the lines that make it of the values read."""
+    """Return the name of the message and the lines that build it from the read values."""
     message, class_name = source.name("m"), source.constant("class", kind)
     lines = [f"{message} = _new({class_name})"]
     if not kind.definition.fields:
@@ -245,6 +248,7 @@ def _decode_fields(source: _Source, kind: type[Message]) -> tuple[str, list[str]
 
 
 def _flush_in(source: _Source) -> None:
+    """Add the lines that unpack the pending numbers."""
     for align, members, layout in source.groups():
         if align > 1:
             source.add(f"pos = pos + {align - 1} & {-align}")
@@ -255,7 +259,7 @@ def _flush_in(source: _Source) -> None:
 
 
 def _decode_string(source: _Source, name: str, field: Field, indent: str) -> None:
-    """Read the text whose length is in a variable into this variable."""
+    """Add lines that replace the length in a variable by the string of that length."""
     lines = [
         f"if {name}:",
         f"    end = pos + {name}",
@@ -271,6 +275,7 @@ def _decode_string(source: _Source, name: str, field: Field, indent: str) -> Non
 
 
 def _decode_array(source: _Source, kind: type[Message], field: Field, name: str) -> None:
+    """Add the lines that decode an array or a sequence into a variable."""
     count: str = str(field.length)
     if field.array != FIXED:
         count = source.name("n")
@@ -298,6 +303,7 @@ def _decode_array(source: _Source, kind: type[Message], field: Field, name: str)
 
 
 def _decode_numbers(source: _Source, field: Field, name: str, count: str) -> None:
+    """Add the lines that decode an array of numbers as a view of the bytes."""
     size = PRIMITIVES[field.base][1]
     stored = DTYPES["uint8" if field.base == "bool" else field.base]
     swapped = size > 1 and source.order == ">"

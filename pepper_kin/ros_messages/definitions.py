@@ -1,4 +1,4 @@
-"""Definitions of message types: fields, defaults and constants, read from texts in ROS 2's syntax."""
+"""Definitions of message types: fields, defaults and constants, parsed from ROS 2's syntax."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ PRIMITIVES = {
     "float32": ("f", 4),
     "float64": ("d", 8),
 }
-"""Type of a number -> its code in `struct` and its size [bytes]."""
+"""Primitive type -> its code in `struct` and its size [bytes]."""
 
 STRING = "string"
 FIXED, BOUNDED, UNBOUNDED = "fixed", "bounded", "unbounded"
-_LARGEST_ARRAY = 1 << 16  # a fixed array's default fills memory: the largest of ROS's messages has 36
+_LARGEST_ARRAY = 1 << 16  # limits the memory of defaults; ROS's longest fixed array has 36
 TAKEN_NAMES = {*kwlist, "definition", "from_dict", "nested", "self", "to_dict", "type_name"}
-"""Names that no attribute of a message's class can have."""
+"""Names that attributes of a message's class cannot have."""
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _TYPE = re.compile(
     r"(?P<base>[A-Za-z][\w/]*)(?:<=(?P<string>\d{1,9}))?(?:\[(?P<bound><=)?(?P<length>\d{0,9})\])?"
@@ -45,12 +45,12 @@ class Field(NamedTuple):
     """A field of a message.
 
     Attributes:
-        name: Its name.
+        name: Name of the field.
         base: A key of PRIMITIVES, "string", or the full name of a message type.
         array: None for one value, else "fixed", "bounded" or "unbounded".
-        length: Number of elements of a fixed array, most elements of a bounded one, else 0.
-        string_length: Most characters of a string; 0 for any number.
-        default: Default in the definition; None where there is none.
+        length: Number of elements of a fixed array, maximum number of a bounded one, else 0.
+        string_length: Maximum length of a string; 0 for no limit.
+        default: Default in the definition; None if it has none.
     """
 
     name: str
@@ -62,15 +62,15 @@ class Field(NamedTuple):
 
     @property
     def attribute(self) -> str:
-        """Name in the message's class: the field's, with "_" behind words that Python or the class has.
+        """Name in the message's class: the field's name, with "_" appended to reserved names.
 
-        rosidl's generator and rosbags name fields that are Python's words so, too.
+        rosidl's generator and rosbags do the same for Python's keywords.
         """
         return f"{self.name}_" if self.name in TAKEN_NAMES else self.name
 
     @property
     def nested(self) -> bool:
-        """Whether values are messages."""
+        """Whether the values are messages."""
         return self.base not in PRIMITIVES and self.base != STRING
 
 
@@ -78,9 +78,9 @@ class Definition(NamedTuple):
     """Fields and constants of a message type.
 
     Attributes:
-        type_name: Such as `sensor_msgs/msg/JointState`.
-        fields: In their order.
-        constants: Name -> value.
+        type_name: Full name, such as `sensor_msgs/msg/JointState`.
+        fields: Fields in order.
+        constants: Name of a constant -> value.
     """
 
     type_name: str
@@ -100,14 +100,14 @@ def full_name(type_name: str, kind: str = "msg") -> str:
 
 
 def parse_message(type_name: str, text: str) -> Definition:
-    """Return the definition of a message from its text.
+    """Parse the definition of a message.
 
     Args:
-        type_name: Full name; types without a package in the text are of the same one.
-        text: As in a `.msg` file.
+        type_name: Full name; types without a package in the text are of the same package.
+        text: Text in the syntax of a `.msg` file.
 
     Raises:
-        MessageError: with the line that cannot be read.
+        MessageError: for a line that cannot be read, with the line.
     """
     package = type_name.split("/")[0]
     fields, constants = [], {}
@@ -138,14 +138,14 @@ def parse_message(type_name: str, text: str) -> Definition:
 
 
 def parse_definition(type_name: str, text: str) -> Iterator[Definition]:
-    """Yield the messages of a text: one of a message, those that a service or an action consists of.
+    """Parse a text; yield the definitions of a message, or of all messages of a service or an action.
 
     Args:
         type_name: Full name.
-        text: As in a `.msg`, `.srv` or `.action` file.
+        text: Text in the syntax of a `.msg`, `.srv` or `.action` file.
 
     Raises:
-        MessageError: with what cannot be read.
+        MessageError: for a text that cannot be read, with the reason.
     """
     parts = re.split(r"^---$", text, flags=re.MULTILINE)
     kind = type_name.split("/")[1]
@@ -175,7 +175,7 @@ _EVENT = "service_msgs/msg/ServiceEventInfo info\n@_Request[<=1] request\n@_Resp
 
 
 def split_definitions(text: str) -> dict[str, str]:
-    """Return full name -> text of each definition in a text whose lines `=== NAME` separate them."""
+    """Split a text at lines `=== NAME`; return full name -> text of each definition."""
     texts: dict[str, str] = {}
     for block in re.split(r"^=== ", text, flags=re.MULTILINE)[1:]:
         name, _, rest = block.partition("\n")
@@ -196,7 +196,7 @@ def _definitions() -> dict[str, Definition]:
 
 
 def message_names() -> tuple[str, ...]:
-    """Return the full names of all message types, those of services and actions included."""
+    """Return the full names of all message types, including those of services and actions."""
     return tuple(_definitions())
 
 
@@ -224,12 +224,12 @@ def _full_base(base: str, package: str) -> str:
     if base in PRIMITIVES or base == STRING:
         return base
     if base == "char":
-        return "uint8"  # in ROS 2's messages
+        return "uint8"  # ROS 2's `char` is unsigned
     return full_name(base if "/" in base else f"{package}/{base}")
 
 
 def _without_comment(line: str) -> str:
-    """Return a line without its comment; a # within quotes is no comment."""
+    """Return a line without its comment; a # within quotes starts no comment."""
     quote = ""
     for i, character in enumerate(line):
         if quote:
@@ -242,16 +242,16 @@ def _without_comment(line: str) -> str:
 
 
 def _value(type_name: str, base: str, text: str, array: bool = False) -> Any:
-    """Return a constant or a default as a value that the type can hold.
+    """Parse a constant or a default of a type.
 
     Args:
-        type_name: For errors.
-        base: Type of the number or text.
-        text: As in the definition: `[1, 2]`, `true`, `'text'`, or a text without quotes.
+        type_name: Name of the message type, for errors.
+        base: Primitive type or "string".
+        text: Text in the definition: `[1, 2]`, `true`, `'text'`, or a text without quotes.
         array: Whether a list is expected.
 
     Raises:
-        MessageError: for another value.
+        MessageError: for a value that the type cannot hold.
     """
     if base == STRING and not array and text[:1] not in ('"', "'"):
         return text
@@ -270,7 +270,7 @@ def _value(type_name: str, base: str, text: str, array: bool = False) -> Any:
 
 
 def _element(base: str, value: Any) -> Any:
-    """Return a value as the type has it; ValueError for one that it cannot hold."""
+    """Convert a value to a type; raise ValueError or TypeError if the type cannot hold it."""
     if base == STRING:
         if not isinstance(value, str):
             raise ValueError

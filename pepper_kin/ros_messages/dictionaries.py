@@ -1,6 +1,6 @@
-"""Messages as JSON values and back, as rosbridge lays them out.
+"""Conversion of messages to JSON values and back, in rosbridge's layout.
 
-Source: rosbridge protocol 2.1: arrays of bytes (`uint8[]`, `char[]`) are base64 texts, numbers that JSON does
+Source: rosbridge protocol 2.1: arrays of bytes (`uint8[]`, `char[]`) are base64 texts; numbers that JSON does
 not have (NaN, infinity) are null.
 """
 
@@ -21,16 +21,17 @@ _Message = TypeVar("_Message", bound=Message)
 
 
 def to_dict(message: Message) -> dict[str, Any]:
-    """Return a message as a dictionary of JSON values.
+    """Convert a message to a dictionary of JSON values.
 
     Raises:
-        InvalidValueError: naming the field, for a value that the type cannot hold.
+        InvalidValueError: for a value that the type cannot hold, with the field's name.
     """
     check_message(message, type(message))
     return _dictionary(message)
 
 
 def _dictionary(message: Message) -> dict[str, Any]:
+    """Return the dictionary of a checked message."""
     values = {}
     for field in message.definition.fields:
         value = getattr(message, field.attribute)
@@ -60,22 +61,23 @@ def _scalar_out(value: Any, field: Field) -> Any:
 
 
 def from_dict(kind: type[_Message], values: Any) -> _Message:
-    """Return a message from a dictionary of JSON values.
+    """Convert a dictionary of JSON values to a message.
 
-    Fields that are left out have their defaults; null is NaN; arrays of bytes may be lists, too.
+    Missing fields have their defaults; null is NaN; arrays of bytes may be lists, too.
 
     Args:
-        kind: The message's class.
+        kind: Class of the message.
         values: Name of a field -> value.
 
     Raises:
         UnknownNameError: for a field that the message does not have.
-        InvalidValueError: naming the field, for a value that it cannot hold.
+        InvalidValueError: for a value that a field cannot hold, with the field's name.
     """
     return _message(kind, values, kind.type_name)
 
 
 def _message(kind: type[_Message], values: Any, path: str) -> _Message:
+    """Return a message from values; `path` names it in errors."""
     if not isinstance(values, dict):
         raise InvalidValueError(path, values, f"an object with the fields of {kind.type_name}")
     fields = {field.name: field for field in kind.definition.fields}
@@ -97,6 +99,7 @@ def _message(kind: type[_Message], values: Any, path: str) -> _Message:
 
 
 def _value(kind: type[Message], field: Field, value: Any, where: str) -> Any:
+    """Convert a JSON value to a value of a field that is no array."""
     if field.nested:
         return _message(kind.nested[field.name], value, where)
     if field.base == STRING:
@@ -108,12 +111,13 @@ def _value(kind: type[Message], field: Field, value: Any, where: str) -> Any:
     elif isinstance(value, bool) and field.base != "bool":
         raise InvalidValueError(where, value, f"a {field.base}")
     elif isinstance(value, float) and value.is_integer():
-        value = int(value)  # JavaScript has one type of number
+        value = int(value)  # JavaScript has one number type
     check_number(value, field.base, where)
     return float(value) if DTYPES[field.base].kind == "f" else value
 
 
 def _array_in(field: Field, value: Any, where: str) -> Any:
+    """Convert base64 or a list of JSON values to the elements of an array."""
     if isinstance(value, str) and field.base == "uint8":
         try:
             return base64.b64decode(value, validate=True)

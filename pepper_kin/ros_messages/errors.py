@@ -6,11 +6,11 @@ from pepper_kin.exceptions import PepperKinError, shortened
 
 
 class MessageError(PepperKinError):
-    """Bytes, or the text of a definition, that do not hold a message.
+    """Bytes, or the text of a definition, that are no valid message.
 
     Attributes:
         type_name: The message type, such as `sensor_msgs/msg/JointState`.
-        reason: What is wrong, with the position in bytes where there is one.
+        reason: Reason, with the position in bytes if it is known.
     """
 
     def __init__(self, type_name: str, reason: str) -> None:

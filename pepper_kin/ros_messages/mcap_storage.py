@@ -1,4 +1,4 @@
-"""MCAP files as records; their summary, which is optional, is used where it is complete."""
+"""Reader of MCAP files; the optional summary is used if it is complete."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ class McapStorage:
 
     Args:
         path: The file, for errors.
-        content: Its bytes.
+        content: Bytes of the file.
 
     Raises:
-        MissingDependencyError: where the package `mcap` is not installed.
+        MissingDependencyError: if the package `mcap` is not installed.
     """
 
     def __init__(self, path: PathName, content: bytes) -> None:
@@ -40,7 +40,7 @@ class McapStorage:
         return tuple(dict.fromkeys(found))
 
     def records(self, chosen: Callable[[RecordedTopic], bool]) -> Iterator[RecordedMessage]:
-        """Yield the messages of the topics chosen in the order of their times.
+        """Yield the messages of the chosen topics in the order of their times.
 
         Raises:
             FileFormatError: for a damaged file.
@@ -54,7 +54,7 @@ class McapStorage:
                 return
             except FileFormatError:
                 raise
-            except Exception as error:  # a damaged file makes the library fail in ways without a common base
+            except Exception as error:  # the library's errors for damaged files have no common base class
                 raise self._damaged(error) from error
             if channel.id not in known:
                 topic = _topic(channel, schemas)
@@ -64,7 +64,7 @@ class McapStorage:
                 yield RecordedMessage(topic, int(message.log_time), message.data)
 
     def _records(self) -> Iterator[tuple[Any, Any, Any]]:
-        """Yield schemas by number, channel and message in the order of times."""
+        """Yield schemas by number, channel and message, in the order of times."""
         from mcap.reader import make_reader
 
         summary = self._index
@@ -79,10 +79,10 @@ class McapStorage:
 
     @cached_property
     def _index(self) -> Any:
-        """The summary, where it names every channel, schema and chunk; else None: the file is read through.
+        """The summary, if it lists every channel, schema and chunk; else None: all records are scanned.
 
         Raises:
-            FileFormatError: for a damaged file, or a small one that takes all memory when it is decompressed.
+            FileFormatError: for a damaged file, or one that would need too much memory when decompressed.
         """
         from mcap.reader import make_reader
         from mcap.records import Chunk, Message
@@ -129,7 +129,7 @@ class McapStorage:
                 elif isinstance(record, Channel):
                     channels[record.id] = record
                 elif isinstance(record, Message):
-                    channels[record.channel_id]  # a channel comes before its messages
+                    channels[record.channel_id]  # raises KeyError for a message before its channel
                     messages.append(record)
             topics = {number: _topic(channel, schemas) for number, channel in channels.items()}
         except Exception as error:  # as above
@@ -152,18 +152,18 @@ def _topic(channel: Any, schemas: dict[int, Any]) -> RecordedTopic:
 
 
 def _decompressed_size(chunk: Any, most: int) -> int:
-    """Return how many bytes the package `mcap` will make of a chunk, or any number above `most`."""
+    """Return the decompressed size of a chunk in the package `mcap` [bytes], or any number above `most`."""
     if chunk.compression == "zstd":
         import zstandard
 
-        # What the frame announces is made, whatever the chunk announces; else that is the limit.
+        # The frame's size is used, whatever the chunk's header says; without it the header's is the limit.
         announced = int(zstandard.frame_content_size(chunk.data))
         return announced if announced >= 0 else int(chunk.uncompressed_size)
     if chunk.compression == "lz4":
         import lz4.frame
 
         announced = int(lz4.frame.get_frame_info(chunk.data)["content_size"])
-        if announced > most:  # so much is set aside before anything is decompressed
+        if announced > most:  # this size is allocated before decompression
             return announced
         return len(lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=most + 1))
     return max(int(chunk.uncompressed_size), len(chunk.data))

@@ -1,10 +1,10 @@
-"""Classes of messages, made from their definitions.
+"""Classes of messages, created from their definitions.
 
     JointState = message_type("sensor_msgs/msg/JointState")
     message = JointState(name=["HeadYaw"], position=[0.3])
 
-Numbers and strings are Python's; arrays of numbers are NumPy arrays, and lists of numbers, bytes and arrays
-of any shape are accepted for them (flattened row by row); sequences of strings and of messages are lists.
+Numbers and strings are Python's; arrays of numbers are NumPy arrays, which accept lists of numbers, bytes and
+arrays of any shape (flattened row by row); sequences of strings and of messages are lists.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from pepper_kin.ros_messages.definitions import (
 from pepper_kin.ros_messages.errors import MessageError
 
 DTYPES = {base: np.dtype(code) for base, (code, _) in PRIMITIVES.items()}
-"""Type of a number -> dtype of its arrays."""
+"""Primitive type -> dtype of its arrays."""
 
 
 def _empty(dtype: np.dtype[Any]) -> NDArray[Any]:
@@ -46,21 +46,21 @@ def _empty(dtype: np.dtype[Any]) -> NDArray[Any]:
 
 
 EMPTY = {base: _empty(dtype) for base, dtype in DTYPES.items()}
-"""Type of a number -> its empty array, read-only."""
+"""Primitive type -> its empty array, read-only."""
 
 _KINDS = {"b": "b", "i": "iu", "u": "iu", "f": "fiu"}
 _WORDS = {"b": "bools", "i": "whole numbers", "u": "whole numbers", "f": "numbers"}
 
 
 class Message:
-    """Base of all messages; `message_type` returns the classes.
+    """Base class of all messages; `message_type` returns the classes.
 
-    Equal are messages of the same type with equal fields (NaN equals nothing).
+    Messages of the same type with equal fields are equal (NaN equals nothing).
 
     Attributes:
-        definition: The fields and constants of the type.
-        type_name: Its full name.
-        nested: Name of a field -> class of the messages in it.
+        definition: Fields and constants of the type.
+        type_name: Full name of the type.
+        nested: Name of a message-typed field -> its class.
     """
 
     __slots__ = ()
@@ -86,7 +86,7 @@ class Message:
         )
 
     def __repr__(self) -> str:
-        """Return the constructor's call, long arrays shortened."""
+        """Return the constructor's call, with long arrays shortened."""
         with np.printoptions(threshold=20, edgeitems=3):
             values = ", ".join(
                 f"{f.attribute}={getattr(self, f.attribute)!r}" for f in self.definition.fields
@@ -94,19 +94,19 @@ class Message:
         return f"{type(self).__name__}({values})"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Copy, and travel between processes, by name of the type and fields."""
+        """Pickle by the name of the type, its definitions and the fields."""
         values = {f.attribute: getattr(self, f.attribute) for f in self.definition.fields}
         return _restored, (self.type_name, _definitions_of(type(self)), values)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the message as JSON values: see `pepper_kin.ros_messages.dictionaries`."""
+        """Convert to JSON values; see `pepper_kin.ros_messages.dictionaries`."""
         from pepper_kin.ros_messages.dictionaries import to_dict
 
         return to_dict(self)
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> Self:
-        """Return a message from JSON values: see `pepper_kin.ros_messages.dictionaries`."""
+        """Convert JSON values to a message; see `pepper_kin.ros_messages.dictionaries`."""
         from pepper_kin.ros_messages.dictionaries import from_dict
 
         return from_dict(cls, values)
@@ -146,7 +146,7 @@ def message_type(type_name: str) -> type[Message]:
 
 @cache
 def service_type(type_name: str) -> ServiceType:
-    """Return the classes of a service, such as `std_srvs/srv/Trigger`; raises as `message_type`."""
+    """Return the classes of a service, such as `std_srvs/srv/Trigger`; UnknownNameError if unknown."""
     name = full_name(type_name, "srv")
     if name not in interface_names("srv"):
         raise UnknownNameError("service type", type_name, interface_names("srv"))
@@ -157,7 +157,7 @@ def service_type(type_name: str) -> ServiceType:
 def action_type(type_name: str) -> ActionType:
     """Return the classes of an action, such as `control_msgs/action/FollowJointTrajectory`.
 
-    Raises as `message_type`.
+    Raises UnknownNameError for an unknown action.
     """
     name = full_name(type_name, "action")
     if name not in interface_names("action"):
@@ -166,11 +166,11 @@ def action_type(type_name: str) -> ActionType:
 
 
 def make_class(found: Definition, nested: dict[str, type[Message]]) -> type[Message]:
-    """Return the class of a definition.
+    """Create the class of a definition.
 
     Args:
-        found: The definition.
-        nested: Name of a field with messages -> their class.
+        found: Definition of the message.
+        nested: Name of a message-typed field -> its class.
     """
     names = tuple(field.attribute for field in found.fields)
     body: dict[str, Any] = {
@@ -188,7 +188,7 @@ def make_class(found: Definition, nested: dict[str, type[Message]]) -> type[Mess
 
 
 def _constructor(found: Definition, nested: dict[str, type[Message]]) -> Any:
-    """Return `__init__`: one keyword for each field, written out because a loop takes three times as long."""
+    """Generate `__init__` with a keyword for each field; a loop would take three times as long."""
     parameters, lines = [], []
     space: dict[str, Any] = {"_as_array": as_array, "_type": found.type_name}
     for i, field in enumerate(found.fields):
@@ -222,7 +222,7 @@ def _scalar_default(field: Field) -> Any:
 
 
 def _default_factory(field: Field, kind: type[Message] | None) -> Any:
-    """Return a function that makes the default of an array, a list or a message."""
+    """Return a function that creates the default of an array, a list or a message."""
     if field.array is None:
         return kind
     if kind is not None:
@@ -239,15 +239,15 @@ def _default_factory(field: Field, kind: type[Message] | None) -> Any:
 
 
 def as_array(value: ArrayLike, field: Field, type_name: str) -> NDArray[Any]:
-    """Return numbers as the array of a field, shape (k,): a copy, except of read-only arrays.
+    """Convert numbers to the array of a field, shape (k,): a copy, except of read-only arrays.
 
     Args:
-        value: Numbers or bytes, any shape.
-        field: The field.
-        type_name: Of the message, for the error's sentence.
+        value: Numbers or bytes, of any shape.
+        field: Field of the array.
+        type_name: Name of the message type, for errors.
 
     Raises:
-        InvalidValueError: naming the field, for other values, or too many or too few.
+        InvalidValueError: for invalid values or a wrong number of them, with the field's name.
     """
     dtype = DTYPES[field.base]
     if isinstance(value, np.ndarray) and value.dtype == dtype:
@@ -264,10 +264,11 @@ def as_array(value: ArrayLike, field: Field, type_name: str) -> NDArray[Any]:
 
 
 def _converted(value: Any, field: Field, type_name: str, dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Convert numbers to a flat array of a type, without rounding or overflow of integers."""
     try:
         raw = np.asarray(value)
         mixed = dtype == np.uint64 and raw.dtype.kind == "f" and isinstance(value, list | tuple)
-        if mixed and all(type(x) is int and 0 <= x < 2**64 for x in value):  # NumPy makes floats of them
+        if mixed and all(type(x) is int and 0 <= x < 2**64 for x in value):  # NumPy converts them to floats
             raw = np.array(value, dtype)
         if raw.size and raw.dtype.kind not in _KINDS[dtype.kind]:
             raise TypeError
@@ -302,15 +303,15 @@ def _check_length(length: int, field: Field, type_name: str) -> None:
 
 
 def check_message(message: Message, kind: type[Message], where: str = "") -> None:
-    """Raise for the first value of a message that its type cannot hold.
+    """Check that all values of a message fit their types.
 
     Args:
-        message: The message.
-        kind: The class that it must have.
-        where: Path of fields up to here.
+        message: Message to check.
+        kind: Expected class of the message.
+        where: Path of the fields that lead to the message, for errors.
 
     Raises:
-        InvalidValueError: naming the field and its path.
+        InvalidValueError: for the first value that does not fit, with the field's path.
     """
     where = where or kind.type_name
     if not isinstance(message, Message) or message.type_name != kind.type_name:
@@ -329,6 +330,7 @@ def check_message(message: Message, kind: type[Message], where: str = "") -> Non
 
 
 def _check_value(value: Any, field: Field, kind: type[Message], path: str) -> None:
+    """Check a value of a field that is no array of numbers."""
     if field.nested:
         check_message(value, kind.nested[field.name], path)
     elif field.base == STRING:
@@ -343,15 +345,15 @@ def _check_value(value: Any, field: Field, kind: type[Message], path: str) -> No
 
 
 def check_number(value: Any, base: str, path: str) -> None:
-    """Raise for a value that a number's type cannot hold.
+    """Check that a value fits a primitive type.
 
     Args:
-        value: The value.
-        base: Type of the number.
-        path: Path of fields, for the error's sentence.
+        value: Value to check.
+        base: Primitive type.
+        path: Path of fields, for errors.
 
     Raises:
-        InvalidValueError: naming the path.
+        InvalidValueError: if it does not fit, with the path.
     """
     kind, whole = DTYPES[base].kind, isinstance(value, int | np.integer)
     if kind == "b" and not isinstance(value, bool | np.bool_):
@@ -371,11 +373,11 @@ def _equal(a: Any, b: Any) -> bool:
 
 
 def library_type(type_name: str, library: dict[str, Definition]) -> type[Message]:
-    """Return the class of a type that is defined elsewhere; the package's where the definitions agree.
+    """Return the class of a type of another library; the package's class if the definitions agree.
 
     Args:
         type_name: Full name.
-        library: Full name -> definition, of this and of all types within it.
+        library: Full name -> definition, of the type and all types within it.
 
     Raises:
         UnknownNameError: for a type that is not in the library.

@@ -1,4 +1,4 @@
-"""Records of recordings as they are stored: topics with the texts of their types, and messages as bytes."""
+"""Stored parts of recordings: topics with the texts of their types, and messages as bytes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pepper_kin.exceptions import FileFormatError, optional
 from pepper_kin.file_access.atomic_file import PathName
 
 MOST_BYTES = 250_000_000
-"""Most that is decompressed [bytes] of a file that is small; of others MOST_TIMES their size."""
+"""Maximum decompressed size of a small file [bytes]; of larger files MOST_TIMES their size."""
 MOST_TIMES = 50
 
 
@@ -17,11 +17,11 @@ class RecordedTopic(NamedTuple):
     """A topic of a recording.
 
     Attributes:
-        name: Of the topic.
-        type_name: Of its messages; "" where none is stated.
-        serialization: How messages are stored: "cdr" by ROS 2.
-        syntax: Of the definition: "ros2msg", "ros2idl", ...; "" where there is none.
-        definition: Text of the type and of those within it.
+        name: Name of the topic.
+        type_name: Type of its messages; "" if none is given.
+        serialization: Encoding of the messages: "cdr" in ROS 2.
+        syntax: Syntax of the definition: "ros2msg", "ros2idl", ...; "" without a definition.
+        definition: Text of the type and of all types within it.
     """
 
     name: str
@@ -32,7 +32,7 @@ class RecordedTopic(NamedTuple):
 
 
 class RecordedMessage(NamedTuple):
-    """A message of a recording: its topic, when it was recorded [ns], and its bytes."""
+    """A message of a recording: topic, time of recording [ns] and bytes."""
 
     topic: RecordedTopic
     time: int
@@ -40,31 +40,31 @@ class RecordedMessage(NamedTuple):
 
 
 class Storage(Protocol):
-    """A recording, or one file of it."""
+    """A stored recording, or one file of it."""
 
     def topics(self) -> tuple[RecordedTopic, ...]:
         """Return all topics."""
 
     def records(self, chosen: Callable[[RecordedTopic], bool]) -> Iterator[RecordedMessage]:
-        """Yield the messages of the topics chosen in the order of their times."""
+        """Yield the messages of the chosen topics in the order of their times."""
 
 
 def most_bytes(size: int) -> int:
-    """Return how much may be decompressed of a file of this size [bytes]."""
+    """Return the maximum decompressed size of a file of a size [bytes]."""
     return max(MOST_BYTES, MOST_TIMES * size)
 
 
 def decompressed(path: PathName, data: bytes, most: int) -> bytes:
-    """Return what zstd has compressed.
+    """Decompress zstd data.
 
     Args:
-        path: For errors.
-        data: One frame.
-        most: The largest size [bytes].
+        path: Path of the file, for errors.
+        data: One frame of zstd.
+        most: Maximum decompressed size [bytes].
 
     Raises:
         MissingDependencyError: without the package `zstandard`.
-        FileFormatError: for other bytes, or more than `most`.
+        FileFormatError: for invalid data, or more than `most` bytes.
     """
     zstandard = optional("zstandard", extra="mcap", need="a compressed bag")
     try:

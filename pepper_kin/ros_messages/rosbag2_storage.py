@@ -1,4 +1,4 @@
-"""Bags of `ros2 bag`: folders with `metadata.yaml`, and the SQLite files (`.db3`) of its older default.
+"""Reader of bags of `ros2 bag`: folders with `metadata.yaml`, and SQLite files (`.db3`, the older default).
 
 Source: rosbag2's `rosbag2_storage_sqlite3` (schema versions 1 to 4) and `metadata.yaml` (versions 1 to 9).
 """
@@ -23,14 +23,14 @@ _LARGEST_METADATA = 5_000_000  # bytes; the YAML reader is slow
 
 
 def open_storage(path: PathName) -> Storage:
-    """Return the storage of a recording.
+    """Open the storage of a recording.
 
     Args:
-        path: An MCAP file, a `.db3` file, or the folder of a bag.
+        path: MCAP file, `.db3` file, or folder of a bag.
 
     Raises:
-        MissingDependencyError: where the package `mcap` is needed and not installed.
-        FileFormatError: where it cannot be read.
+        MissingDependencyError: if the package `mcap` is needed and not installed.
+        FileFormatError: if it cannot be read.
     """
     place = as_path(path)
     if place.is_dir():
@@ -39,7 +39,7 @@ def open_storage(path: PathName) -> Storage:
 
 
 def _file_storage(place: Path, content: bytes | None) -> Storage:
-    """Return the storage of a file; content: its bytes, where they had to be decompressed."""
+    """Open the storage of a file; `content` has its bytes if they were decompressed."""
     suffixes = [suffix.lower() for suffix in place.suffixes]
     if ".db3" in suffixes[-2:]:
         return SqliteStorage(place, content)
@@ -47,13 +47,13 @@ def _file_storage(place: Path, content: bytes | None) -> Storage:
 
 
 class FolderStorage:
-    """The folder of a bag, with one file or several after one another.
+    """The folder of a bag, with one or several files.
 
     Args:
         path: The folder.
 
     Raises:
-        FileFormatError: naming what is missing in it, or of a kind that is not known.
+        FileFormatError: for a missing file, or an unknown storage or compression.
     """
 
     def __init__(self, path: Path) -> None:
@@ -70,7 +70,7 @@ class FolderStorage:
             raise FileFormatError(path / METADATA, reason)
         if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
             raise FileFormatError(path / METADATA, "has no list relative_file_paths")
-        files = [path / Path(name).name for name in names]  # older versions name the folder, too
+        files = [path / Path(name).name for name in names]  # older versions include the folder in the names
         for file in files:
             if not file.is_file():
                 raise FileFormatError(path, f"lacks {file.name}, which {METADATA} names")
@@ -82,7 +82,7 @@ class FolderStorage:
         return tuple(dict.fromkeys(topic for part in self._parts for topic in part.topics()))
 
     def records(self, chosen: Callable[[RecordedTopic], bool]) -> Iterator[RecordedMessage]:
-        """Yield the messages of the topics chosen in the order of their times."""
+        """Yield the messages of the chosen topics in the order of their times."""
         most = most_bytes(0)
         parts = (part.records(chosen) for part in self._parts)
         for record in heapq.merge(*parts, key=lambda record: record.time):
@@ -97,7 +97,7 @@ def _content(file: Path) -> bytes:
 
 
 def _metadata(path: Path) -> dict[str, Any]:
-    """Return what is stated of a bag."""
+    """Return the information about a bag in its metadata."""
     import yaml
 
     if path.stat().st_size > _LARGEST_METADATA:
@@ -117,16 +117,16 @@ class SqliteStorage:
 
     Args:
         path: The file.
-        content: Its bytes, where they are not those of the file.
+        content: Bytes of the database, if the file is compressed.
 
     Raises:
-        FileFormatError: where it cannot be read or is not such a file.
+        FileFormatError: if it cannot be read or is no `.db3` file.
     """
 
     def __init__(self, path: Path, content: bytes | None = None) -> None:
         self.path, self._bytes = path, content
         if content is None and not path.is_file():
-            read_bytes(path)  # which says why it cannot be read
+            read_bytes(path)  # raises with the reason
         with closing(self._open()) as database:
             self._topics = self._read_topics(database)
 
@@ -135,7 +135,7 @@ class SqliteStorage:
         return tuple(dict.fromkeys(self._topics.values()))
 
     def records(self, chosen: Callable[[RecordedTopic], bool]) -> Iterator[RecordedMessage]:
-        """Yield the messages of the topics chosen in the order of their times.
+        """Yield the messages of the chosen topics in the order of their times.
 
         Raises:
             FileFormatError: for a damaged file.
@@ -168,6 +168,7 @@ class SqliteStorage:
             raise self._damaged(error) from error
 
     def _read_topics(self, database: sqlite3.Connection) -> dict[int, RecordedTopic]:
+        """Read the topics of the database, by number, with their definitions."""
         tables = {
             name for (name,) in self._rows(database, "SELECT name FROM sqlite_master WHERE type='table'")
         }

@@ -1,4 +1,4 @@
-"""Texts of message types as recordings hold them: a definition, then those of all types within it."""
+"""Texts of message types in recordings: a definition, then the definitions of all types within it."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ def schema_text(kind: type[Message]) -> str:
 
 
 def schema_type(type_name: str, text: str) -> type[Message]:
-    """Return the class of a message type from its text; the package's where they agree.
+    """Return the class of a message type from its text; the package's class if the definitions agree.
 
     Args:
         type_name: Full or short name.
-        text: The definition and those of the types within it; of others the package's are used.
+        text: Definition, with the definitions of types within it; missing ones are the package's.
 
     Raises:
-        MessageError: with the line that cannot be read, or for a type that is nowhere defined.
+        MessageError: for a line that cannot be read, or a type without a definition.
     """
     name = full_name(type_name)
     if not re.fullmatch(r"\w+/\w+/\w+", name):
@@ -75,7 +75,7 @@ def _collect(kind: type[Message], parts: dict[str, type[Message]]) -> None:
 
 
 def _text(kind: type[Message]) -> str:
-    """Return the package's text of a type, or one with the fields of a type that was defined elsewhere."""
+    """Return the package's text of a type, or a generated one for a type of another library."""
     name = kind.type_name
     if name in definition_texts() and kind is message_type(name):
         return definition_texts()[name]
@@ -83,6 +83,7 @@ def _text(kind: type[Message]) -> str:
 
 
 def _line(field: Field) -> str:
+    """Return the line of a field in ROS 2's syntax."""
     base = field.base
     if field.nested:
         package, _, name = base.split("/")

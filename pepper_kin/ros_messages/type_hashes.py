@@ -68,7 +68,7 @@ def type_hash(type_name: str) -> str:
 
 
 def _interface(name: str) -> Definition:
-    """Return a message's definition, or the structure that describes a service or an action."""
+    """Return the definition of a message, or of the structure that describes a service or an action."""
     if name in interface_names("srv") or name.removesuffix("_SendGoal").removesuffix(
         "_GetResult"
     ) in interface_names("action"):
@@ -87,7 +87,7 @@ def _interface(name: str) -> Definition:
 
 
 def _referenced(main: Definition) -> list[Definition]:
-    """Return the definitions of all types within one, services within actions included."""
+    """Return the definitions of all types within a type, including an action's services."""
     library: dict[str, Definition] = {}
     for field in main.fields:
         if field.nested and field.base not in library:

@@ -1,9 +1,9 @@
-"""Pictures of the robot: a live page, recordings that need no server, images.
+"""Pictures of the robot: a live page, recordings without a server, images and videos.
 
     Viewer                                    a robot with scene and targets, live or saved
-    JointMotion, Ghost, Note                  motions, a second robot beside one, and what is said meanwhile
+    JointMotion, Ghost, Note                  motions, a second robot drawn over the first, and captions
     Drawable, marker, Viewpoint               shapes and cameras
-    render_motion                             a motion as page, film or picture, by the file's suffix
+    render_motion                             a motion as page, video or image, by the file's suffix
     save_motion_page, save_reach_html, save_video, screenshot, find_chromium
 
 Its package `server` runs the live page.

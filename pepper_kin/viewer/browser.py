@@ -1,4 +1,4 @@
-"""Chromium: where its program is, and the flags with which it draws without a screen."""
+"""Chromium: its program, and the flags for rendering without a screen."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ import shutil
 from pepper_kin.exceptions import InvalidValueError
 
 CHROMIUM_VARIABLE = "PEPPER_KIN_CHROMIUM"
-"""Environment variable that names the browser's program, before any that is found by name."""
+"""Environment variable with the browser's program, which precedes the programs found by name."""
 
 PROGRAM_NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 
-# Software rendering on the processor: the same picture on every machine, with or without a graphics card.
+# Software rendering on the processor: the same image on every machine, with or without a graphics card.
 CHROMIUM_FLAGS = (
     "--headless",
     "--no-sandbox",
@@ -35,7 +35,7 @@ def find_chromium() -> str | None:
     The variable PEPPER_KIN_CHROMIUM comes first, then the usual names on the search path.
 
     Raises:
-        InvalidValueError: PEPPER_KIN_CHROMIUM is set to something that is not a program.
+        InvalidValueError: PEPPER_KIN_CHROMIUM is not the path of a program.
     """
     named = os.environ.get(CHROMIUM_VARIABLE)
     if named:

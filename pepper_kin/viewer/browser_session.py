@@ -1,4 +1,4 @@
-"""Pictures of a page by one headless Chromium, steered through a pair of pipes."""
+"""Images of a page from a headless Chromium, controlled through a pair of pipes."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from pepper_kin.viewer.browser import CHROMIUM_FLAGS, find_chromium
 from pepper_kin.viewer.camera import CameraView, Viewpoint, view_options
 
 _ADVICE = "open the page by hand to see why"
-# Drawn and read in one go, so that no frame of the browser's own comes between: same time, same pixels.
+# Rendered and read in one call, with no frame of the browser in between: same time, same pixels.
 _CAPTURE = """(() => {
   pepperKin.pause();
   pepperKin.seek(%r);
@@ -37,19 +37,19 @@ _CAPTURE = """(() => {
 
 
 class BrowserSession:
-    """A browser with one page open, for as long as the `with` block lasts.
+    """A browser with one open page, for the time of a `with` block.
 
         with BrowserSession("motion.html", (640, 480)) as session:
             png = session.picture(0.5)
 
-    The browser is spoken to in the Chrome DevTools Protocol over two pipes: no port is opened.
+    It is controlled by the Chrome DevTools Protocol over two pipes: no port is opened.
 
     Args:
-        html_path: A page as written by `save_motion_page`.
-        size: Width and height of the pictures [pixel].
-        view: "three-quarter", "front", "side" or "top", or a `Viewpoint`.
-        panel: Whether title, controls and plots are shown.
-        timeout: Longest wait for any one answer [s].
+        html_path: Page that `save_motion_page` has written.
+        size: Width and height of the images [pixel].
+        view: View: "three-quarter", "front", "side" or "top", or a `Viewpoint`.
+        panel: Whether title, controls and plots are visible.
+        timeout: Timeout of each answer of the browser [s].
 
     Raises:
         MissingDependencyError: No Chromium is installed.
@@ -90,12 +90,12 @@ class BrowserSession:
         self.close()
 
     def picture(self, at_time: float) -> bytes:
-        """Return the page's picture at a time of its motion [s], as PNG."""
+        """Return the page's image at a time of its motion [s], as PNG."""
         found = self._evaluate(_CAPTURE % float(at_time))
         return base64.b64decode(str(found).partition(",")[2])
 
     def whole_picture(self, at_time: float) -> bytes:
-        """Return the whole page at a time of its motion [s], with its panels, as PNG."""
+        """Return an image of the whole page, with its panels, at a time of its motion [s], as PNG."""
         self.picture(at_time)
         return base64.b64decode(self._ask("Page.captureScreenshot")["data"])
 
@@ -105,11 +105,11 @@ class BrowserSession:
         return float(start), float(start) + float(duration)
 
     def close(self) -> None:
-        """End the browser."""
+        """Stop the browser."""
         if not hasattr(self, "_browser"):
-            return  # it could not be started
+            return  # the browser was not started
         with contextlib.suppress(ProcessLookupError):
-            os.killpg(self._browser.pid, signal.SIGKILL)  # its helpers too, which would go on writing files
+            os.killpg(self._browser.pid, signal.SIGKILL)  # helper processes, too, which write files
         self._browser.wait()
         for pipe in (self._browser.stdin, self._browser.stdout):
             if pipe is not None:
@@ -117,12 +117,12 @@ class BrowserSession:
         self._profile.cleanup()
         deadline = time.monotonic() + 10.0
         while os.path.exists(self._profile.name) and time.monotonic() < deadline:
-            time.sleep(0.02)  # a helper was about to write as it was killed
+            time.sleep(0.02)  # a helper process may have been writing when it was killed
             shutil.rmtree(self._profile.name, ignore_errors=True)
 
     def _start(self, chromium: str) -> None:
-        """Start the browser; it reads commands from its descriptor 3 and answers on its descriptor 4."""
-        # The shell only moves our two pipes from 0 and 1 to where the browser wants them.
+        """Start the browser, which reads commands from its file descriptor 3 and writes answers to 4."""
+        # The shell only moves the two pipes from descriptors 0 and 1 to 3 and 4.
         moved = 'exec "$@" 3<&0 4>&1 </dev/null >/dev/null'
         flags = (*CHROMIUM_FLAGS, "--remote-debugging-pipe", f"--user-data-dir={self._profile.name}")
         self._browser = subprocess.Popen(
@@ -131,13 +131,14 @@ class BrowserSession:
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             bufsize=0,
-            env={**os.environ, "TMPDIR": self._profile.name},  # what it leaves goes with the profile
-            start_new_session=True,  # Ctrl-C is ours to hear; we end the browser
+            env={**os.environ, "TMPDIR": self._profile.name},  # its leftovers are deleted with the profile
+            start_new_session=True,  # Ctrl-C goes to this process alone, which stops the browser
         )
         pipes = (self._browser.stdin, self._browser.stdout)
         self._to_browser, self._from_browser = (pipe.fileno() for pipe in pipes if pipe is not None)
 
     def _open(self) -> None:
+        """Open the page in a new tab, and wait until it is ready."""
         target = self._ask("Target.createTarget", url="about:blank")["targetId"]
         self._session = self._ask("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
         width, height = self._size
@@ -163,7 +164,7 @@ class BrowserSession:
         return answer["result"].get("value")
 
     def _ask(self, method: str, **parameters: Any) -> dict[str, Any]:
-        """Send a command and wait for its answer; other messages of the browser are discarded."""
+        """Send a command and wait for its answer; discard other messages."""
         self._count += 1
         command = {"id": self._count, "method": method, "params": parameters}
         if self._session:
@@ -189,6 +190,7 @@ class BrowserSession:
         return InfeasibleError("picture", f"the browser ended with code {code}", _ADVICE)
 
     def _next_message(self, deadline: float) -> bytes:
+        """Return the browser's next message; raise if none comes before the deadline."""
         parts = [self._received]
         while b"\0" not in parts[-1]:
             left = deadline - time.monotonic()
@@ -214,26 +216,26 @@ def screenshot(
     panel: bool = False,
     timeout: float = 120.0,
 ) -> Path:
-    """Save a picture of a motion page.
+    """Save an image of a motion page.
 
     Args:
-        html_path: A page as written by `save_motion_page`.
-        png_path: The picture to write; it appears when it is whole.
+        html_path: Page that `save_motion_page` has written.
+        png_path: Image file to write; it appears when it is complete.
         size: Width and height [pixel].
         at_time: Time of the motion to show [s]; None shows its start.
-        view: "three-quarter", "front", "side" or "top", or a `Viewpoint`.
-        panel: Whether title, controls and plots are in the picture.
-        timeout: Longest wait for the browser [s].
+        view: View: "three-quarter", "front", "side" or "top", or a `Viewpoint`.
+        panel: Whether title, controls and plots are in the image.
+        timeout: Timeout of each answer of the browser [s].
 
     Returns:
-        The path of the picture.
+        The path of the image.
 
     Raises:
         MissingDependencyError: No Chromium is installed.
         InvalidValueError: The page does not exist, or the size is not two positive whole numbers.
-        UnknownNameError: There is no such view.
-        InfeasibleError: The browser gave no picture.
-        FileFormatError: The picture cannot be written.
+        UnknownNameError: for an unknown view.
+        InfeasibleError: The browser rendered no image.
+        FileFormatError: The image cannot be written.
     """
     if not Path(html_path).is_file():
         raise InvalidValueError("html_path", html_path, "an existing page")
@@ -249,7 +251,7 @@ def screenshot(
 
 @contextlib.contextmanager
 def _uninterrupted() -> Iterator[None]:
-    """Let Ctrl-C wait until what was begun has a name by which it can be ended."""
+    """Block Ctrl-C until a started process is recorded and can be stopped."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return

@@ -1,4 +1,4 @@
-"""Cameras of pictures: named views, or a position and a target."""
+"""Cameras of images: named views, or a position and a target."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from pepper_kin.model.joint_vectors import as_finite
 CameraView: TypeAlias = Literal["three-quarter", "front", "side", "top"]
 
 _LEAST = 0.05
-"""The camera sees nothing that is nearer [m]."""
+"""Near plane: minimum distance that the camera sees [m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Viewpoint(FrozenArrays):
-    """A camera at any position, for pictures, films and pages.
+    """A camera at any position, for images, videos and pages.
 
         viewer.save_image("hand.png", q, view=pk.viewer.Viewpoint((1.2, 0.9, 1.1), (0.4, 0.2, 0.8)))
 
-    It stands upright and sees 32 degrees from the lower to the upper edge of the picture.
+    It is upright, with a vertical field of view of 32 degrees.
 
     Attributes:
-        position: Where it is in the world, shape (3,) [m].
-        target: What is in the middle of the picture, shape (3,) [m]; at least 5 cm away.
+        position: Position of the camera in the world, shape (3,) [m].
+        target: Point in the middle of the image, shape (3,) [m]; at least 5 cm away.
     """
 
     position: NDArray[np.float64]
@@ -46,7 +46,7 @@ class Viewpoint(FrozenArrays):
 
 
 def view_options(view: CameraView | Viewpoint) -> dict[str, str]:
-    """Return the options in a page's address that choose a view.
+    """Return the options of a page's address that select a view.
 
     Raises:
         UnknownNameError: There is no view of that name.

@@ -1,4 +1,4 @@
-"""Drawable bodies: a solid, a color and the link that it moves with."""
+"""Drawable bodies: a shape, a color and the link that it moves with."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ _RIGID_TOLERANCE = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Drawable(BriefRepr):
-    """One solid in the scene.
+    """A shape in the scene.
 
     Attributes:
-        name: What to call it, unique within its link.
-        link: Name of the link it is fixed to, or None for the world.
-        geometry: The solid, or a surface whose corners are shaded smoothly as they are.
-        transform_shape_to_link: Pose of the solid in the link (or in the world), shape (4, 4) [m].
+        name: Name, unique within its link.
+        link: Name of the link that the shape is fixed to, or None for the world.
+        geometry: Geometry of the shape, or a surface that is shaded smoothly by its vertices.
+        transform_shape_to_link: Pose of the shape in the link (or in the world), shape (4, 4) [m].
         color: Red, green, blue and opacity, each in [0, 1].
-        through: Whether it is drawn over what stands before it.
+        through: Whether it is drawn over objects in front of it.
     """
 
     name: str
@@ -62,14 +62,14 @@ class Drawable(BriefRepr):
 
     @classmethod
     def from_shape(cls, shape: Shape) -> Drawable:
-        """Return a robot's shape as a drawable."""
+        """Convert a robot's shape to a drawable."""
         return cls(shape.name, shape.link, shape.geometry, shape.transform_shape_to_link, shape.color)
 
     @classmethod
     def all_of_shape(cls, shape: Shape) -> tuple[Drawable, ...]:
-        """Return a robot's shape as drawables: one, or one for each color of its mesh file.
+        """Convert a robot's shape to drawables: one, or one for each color of its mesh file.
 
-        The file's colors are taken where the description names none, as in RViz.
+        The file's colors are used if the description gives none, as in RViz.
 
         Raises:
             FileFormatError: The mesh file cannot be read.
@@ -85,7 +85,7 @@ class Drawable(BriefRepr):
 
 
 def colored_surfaces_of(shape: Shape) -> tuple[tuple[DrawnSurface, Color], ...] | None:
-    """Return surfaces [m], scaled, and colors of a shape's mesh file; None where these do not count."""
+    """Return scaled surfaces [m] and colors of a shape's mesh file; None if its colors are not used."""
     mesh = shape.geometry
     if not isinstance(mesh, Mesh) or shape.color != NO_COLOR or mesh.path.suffix.lower() in (".stl", ".obj"):
         return None
@@ -100,16 +100,16 @@ def colored_surfaces_of(shape: Shape) -> tuple[tuple[DrawnSurface, Color], ...] 
 
 
 def marker(name: str, position: ArrayLike, radius: float = 0.03, color: Color = TARGET_COLOR) -> Drawable:
-    """Make a ball that marks a target.
+    """Create a sphere that marks a target.
 
     Args:
-        name: What the page calls it.
-        position: Its center in the world, shape (3,) [m].
-        radius: Its radius [m].
+        name: Name on the page.
+        position: Center in the world, shape (3,) [m].
+        radius: Radius of the sphere [m].
         color: Red, green, blue and opacity, each in [0, 1].
 
     Returns:
-        The ball, fixed to the world.
+        The sphere, fixed to the world.
 
     Raises:
         InvalidValueError: `position` is not three finite numbers, or `color` is not four numbers in [0, 1].
@@ -120,7 +120,7 @@ def marker(name: str, position: ArrayLike, radius: float = 0.03, color: Color = 
 
 
 def seen_through(ball: Drawable) -> Drawable:
-    """Return a marker once more, faint, over all else: one inside of a cup is to be seen, too."""
+    """Return a faint copy of a marker, drawn over all else, so that a target inside a cup is visible."""
     red, green, blue, opacity = ball.color
     return replace(ball, name=f"{ball.name} behind", color=(red, green, blue, 0.55 * opacity), through=True)
 
@@ -129,9 +129,9 @@ def rigid_transforms(quantity: str, value: ArrayLike, shape: tuple[int, ...]) ->
     """Copy transforms and check that they are rigid.
 
     Args:
-        quantity: What to call them in an error.
-        value: The transforms [m], shape (..., 4, 4).
-        shape: The shape they must have, (..., 4, 4).
+        quantity: Name of the quantity, for errors.
+        value: Transforms [m], shape (..., 4, 4).
+        shape: Required shape, (..., 4, 4).
 
     Returns:
         A read-only copy.

@@ -1,7 +1,7 @@
-"""Lowering of drawables to meshcat commands.
+"""Conversion of drawables to meshcat commands.
 
-The commands are those that meshcat's own classes make (a test compares them).  meshcat is not imported: it
-brings IPython, ZeroMQ and a web server with it, and takes longer than all else that draws.
+The commands equal those of meshcat's own classes (a test compares them).  meshcat is not imported: it
+imports IPython, ZeroMQ and a web server, which takes longer than all drawing code.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ LINK_ROOT = "links"
 WORLD_ROOT = "world"
 
 PLATE = (4.0, 4.0, 0.01)
-"""Lengths of the plate that is drawn for a half-space [m]; its upper face lies in the plane."""
+"""Size of the plate that is drawn for a half-space [m]; its upper face lies in the plane."""
 LEAST_BALL = 0.002
-"""Points of a cloud are drawn at least this large [m]."""
+"""Minimum drawn radius of a cloud's points [m]."""
 
 FLOATS, INDICES = 0x17, 0x16
-"""meshcat's numbers for packed arrays of float32 and of uint32."""
+"""meshcat's codes of packed arrays of float32 and uint32."""
 
 # three.js draws cylinders along y, the robot's description along z.
 _Y_TO_Z = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
@@ -57,16 +57,16 @@ def link_path(link: str | None) -> tuple[str, ...]:
 
 
 def draw_commands(drawables: Iterable[Drawable], root: tuple[str, ...] = ()) -> Iterator[dict[str, Any]]:
-    """Turn drawables into meshcat commands: one sets the object, one its pose.
+    """Convert each drawable to two meshcat commands: one sets the object, one its pose.
 
-    Identifiers count up instead of being random, so the same input gives the same commands.
+    Identifiers are counted, not random, so that the same input gives the same commands.
 
     Args:
-        drawables: What to draw.
-        root: Scene path of the group that they all go into.
+        drawables: Drawables to convert.
+        root: Scene path of their group.
 
     Yields:
-        Commands, as meshcat's page takes them.
+        Commands for meshcat's page.
 
     Raises:
         FileFormatError: A mesh file cannot be read.
@@ -98,7 +98,7 @@ def draw_commands(drawables: Iterable[Drawable], root: tuple[str, ...] = ()) -> 
 def _geometry(
     drawable: Drawable, surfaces: dict[Path, DrawnSurface]
 ) -> tuple[dict[str, Any], NDArray[np.float64]]:
-    """Return a geometry of three.js and the transform (rotation or scale) from it to the drawable's shape."""
+    """Return a geometry of three.js, and its transform (rotation or scale) to the drawable's shape."""
     shape = drawable.geometry
     match shape:
         case Box():
@@ -157,14 +157,14 @@ def _triangles(vertices: NDArray[Any], faces: NDArray[Any]) -> dict[str, Any]:
 
 
 def _packed(rows: NDArray[Any], kind: str, extension: int) -> dict[str, Any]:
-    """Return rows of three, shape (k, 3), as meshcat's page takes arrays."""
+    """Pack rows of three, shape (k, 3), as an array for meshcat's page."""
     from umsgpack import Ext
 
     return {"itemSize": 3, "type": kind, "array": Ext(extension, rows.tobytes()), "normalized": False}
 
 
 def _material(color: Color) -> dict[str, Any]:
-    """Return a smooth plastic of the given color."""
+    """Return a smooth plastic material of a color."""
     red, green, blue = (round(255 * channel) for channel in color[:3])
     return {
         "type": "MeshPhongMaterial",

@@ -1,4 +1,4 @@
-"""The second robot of a page: the first one's parts, translucent, on separate links."""
+"""The second robot of a page: translucent copies of the first one's parts, on separate links."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ GHOST_COLOR: Color = (0.95, 0.45, 0.05, 0.45)
 
 
 def ghost_link(link: str) -> str:
-    """Return what the ghost's link is called in a page."""
+    """Return the name of a ghost's link on a page."""
     return f"ghost {link}"
 
 
 def ghost_of(drawables: Sequence[Drawable]) -> tuple[Drawable, ...]:
-    """Return what is fixed to links once more, in the ghost's color and on its links."""
+    """Return copies of the drawables on links, in the ghost's color and on the ghost's links."""
     return tuple(
         replace(part, link=ghost_link(part.link), color=GHOST_COLOR)
         for part in drawables

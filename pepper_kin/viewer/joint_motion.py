@@ -1,4 +1,4 @@
-"""Joint positions over time, as a viewer plays them."""
+"""Joint positions over time, for a viewer."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ _TRAJECTORY_STEP = 0.005  # [s]
 
 @dataclass(frozen=True)
 class Note:
-    """A sentence about a time of a motion.
+    """A caption for an interval of a motion.
 
     Attributes:
-        start: Time from which it holds [s].
-        end: Time to which it holds [s].
-        text: The sentence.
-        curve: Name of the curve in whose plot the time is shaded; none if omitted.
+        start: Start of the interval [s].
+        end: End of the interval [s].
+        text: Text of the caption.
+        curve: Name of the curve in whose plot the interval is shaded; none if omitted.
     """
 
     start: float
@@ -43,13 +43,13 @@ class Note:
 
 @dataclass(frozen=True, eq=False)
 class Ghost(FrozenArrays):
-    """A second robot in the place of the first, drawn translucent and in another color.
+    """A second robot, drawn translucent and in another color over the first.
 
     Attributes:
-        name: What a page calls it.
-        positions: Its joint positions at the times of the motion, shape (T, n) [rad or m].
-        series: Its lines in the plots of the motion's curves, by their names, values of shape (T,).
-        beside: What a page calls the first robot.
+        name: Name on a page.
+        positions: Joint positions at the times of the motion, shape (T, n) [rad or m].
+        series: Lines in the plots of the motion's curves, by the curves' names, values of shape (T,).
+        beside: Name of the first robot on a page.
     """
 
     name: str
@@ -60,18 +60,18 @@ class Ghost(FrozenArrays):
 
 @dataclass(frozen=True, eq=False)
 class JointMotion(FrozenArrays):
-    """Joint positions over time, with curves to plot beside them.
+    """Joint positions over time, with curves to plot.
 
     Attributes:
         times: Sample times, shape (T,), strictly increasing [s].
-        positions: Joint positions at those times, shape (T, n) [rad or m].
-        series: Curves, name (with unit) to values of shape (T,).
-        limits: Largest magnitude that a curve may have, by its name, in its unit.
-        commands: Lines of what a curve should have been, by its name, values of shape (T,).
-        ghost: A second robot, which recordings, pictures and films show; the live page does not.
-        notes: What is said at some times, in recordings.
-        tilts: Transforms in the world by which the robot is out of the level, shape (T, 4, 4) [m], or None;
-            recordings, pictures and films show it so, without contacts with the scene.
+        positions: Joint positions at the sample times, shape (T, n) [rad or m].
+        series: Name of a curve (with unit) -> values of shape (T,).
+        limits: Largest allowed magnitude of a curve, by its name, in its unit.
+        commands: Commanded values of a curve, by its name, shape (T,).
+        ghost: A second robot, shown in recordings, images and videos, but not on the live page.
+        notes: Captions of intervals, in recordings.
+        tilts: Transforms in the world that tilt the robot, shape (T, 4, 4) [m], or None;
+            shown in recordings, images and videos, without contacts with the scene.
     """
 
     times: NDArray[np.float64]
@@ -102,7 +102,7 @@ class JointMotion(FrozenArrays):
 
     @property
     def curves(self) -> dict[str, Curve]:
-        """The curves by name, each with its limit and its other lines."""
+        """Curves by name, each with its limit, ghost and command."""
         there = {} if self.ghost is None else self.ghost.series
         return {
             name: replace(curve, ghost=there.get(name), command=self.commands.get(name))
@@ -113,7 +113,7 @@ class JointMotion(FrozenArrays):
 def _lines(
     lines: Mapping[str, ArrayLike], quantity: str, samples: int, curves: Mapping[str, object] | None
 ) -> Mapping[str, NDArray[np.float64]]:
-    """Return copies of lines by name, values of shape (samples,), of `curves` where these are given."""
+    """Return copies of lines by name, values of shape (samples,); names must be in `curves`, if given."""
     for name in lines:
         if curves is not None and name not in curves:
             raise UnknownNameError(f"curve of a {quantity}", name, curves)
@@ -126,7 +126,7 @@ def _lines(
 
 
 class ExecutedMotion(Protocol):
-    """What the viewer reads of a run of the twin.
+    """The part of a run of the twin that the viewer reads.
 
     Attributes:
         time: Sample times, shape (T,) [s].
@@ -150,11 +150,11 @@ class ExecutedMotion(Protocol):
 Playable: TypeAlias = (
     JointMotion | Trajectory | ExecutedMotion | TippingRun | Replay | NDArray[np.float64] | Sequence[float]
 )
-"""What a viewer can play; an array of shape (n,) is a posture held still."""
+"""Types that a viewer can play; an array of shape (n,) is a static posture."""
 
 
 def still(pepper: PepperModel, q: ArrayLike) -> JointMotion:
-    """Return the motion that stays at joint positions q, shape (n,) [rad or m].
+    """Return a motion of one sample at joint positions q, shape (n,) [rad or m].
 
     Raises:
         InvalidValueError: for a q of wrong shape, or with NaN or infinity.
@@ -164,19 +164,19 @@ def still(pepper: PepperModel, q: ArrayLike) -> JointMotion:
 
 
 def joint_motion(pepper: PepperModel, motion: Playable) -> JointMotion:
-    """Return anything that can be played as joint positions over time.
+    """Convert anything playable to joint positions over time.
 
     Args:
-        pepper: The robot.
+        pepper: Model of the robot.
         motion: A `JointMotion`, a trajectory (its velocities become curves), a run of the twin (its torques
-            become curves), a run that tilts, or falls, the replay of a robot's log (the robot becomes the
+            become curves), a run that tilts or falls, the replay of a robot's log (the robot becomes the
             ghost), or joint positions of shape (n,).
 
     Returns:
         The motion.
 
     Raises:
-        InvalidValueError: for a motion of another robot, with NaN or infinity, or for something else.
+        InvalidValueError: for a motion of another robot, with NaN or infinity, or of another type.
     """
     if isinstance(motion, JointMotion):
         as_joint_vectors(pepper, motion.positions, "positions")
@@ -221,7 +221,7 @@ def _of_tipping(pepper: PepperModel, run: TippingRun) -> JointMotion:
 
 
 def _of_replay(pepper: PepperModel, found: Replay) -> JointMotion:
-    """Return the twin with the robot as its ghost; readings that were lost are bridged."""
+    """Return the twin with the robot as its ghost; lost readings are interpolated."""
     log, arrived = found.log, found.log.arrived()
     robot = np.column_stack(
         [np.interp(log.time, log.time[here], log.measured[here, j]) for j, here in enumerate(arrived.T)]
@@ -254,7 +254,7 @@ def _curves(
 ) -> dict[str, NDArray[np.float64]]:
     """Return one curve, shape (T,), per joint, of values of shape (T, n).
 
-    `units` are those of a turning and of a sliding joint.
+    `units` are the units of a revolute and of a prismatic joint.
     """
     return {
         f"{joint} {quantity} [{units[unit == 'm']}]": values[:, index]
@@ -263,7 +263,7 @@ def _curves(
 
 
 def _limits(curves: Mapping[str, object], limits: NDArray[np.float64]) -> dict[str, float]:
-    """Return the limits, shape (n,), of one curve per joint, where a joint has one."""
+    """Return the limits, shape (n,), by the names of one curve per joint; infinite ones are left out."""
     return {
         name: float(limit)
         for name, limit in zip(curves, limits, strict=True)

@@ -1,7 +1,7 @@
-"""Lights of Pepper to draw: segments of the rings around eyes and ears, the chest's and the shoulders'.
+"""Drawables of Pepper's lights: segments of the rings at eyes and ears, chest and shoulders.
 
-A ring is cut into as many equal sectors as it has lights.  The first sector begins at the top, and they
-follow each other clockwise for somebody who looks at the ring; which way the maker counts is assumed.
+A ring is divided into as many equal sectors as it has lights.  The first sector starts at the top, and they
+proceed clockwise for a viewer who faces the ring; the direction is an assumption.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ OFF: Color = (0.12, 0.12, 0.13, 1.0)
 """Color of a light that is off."""
 
 ABOVE = 0.0008
-"""How far lights are drawn in front of the shell [m]."""
+"""Distance of the drawn lights from the shell [m]."""
 
 CHEST_RADIUS = 0.012
 
@@ -31,7 +31,7 @@ class Ring:
     """A ring of lights on each side of the robot.
 
     Attributes:
-        shape: The visual shape that holds both rings.
+        shape: Name of the visual shape with both rings.
         names: Names of the lights of one side, with {} for "Left" or "Right".
         facing: Axis that the rings face: 0 for x, 1 for y.
     """
@@ -49,7 +49,7 @@ RINGS = (
 
 
 def pepper_lights(pepper: PepperModel) -> dict[str, Drawable]:
-    """Return name of a light -> what to draw, for the lights that the robot's visual shapes have."""
+    """Return name of a light -> drawable, for the lights in the robot's visual shapes."""
     shapes = {shape.name: shape for shape in pepper.visual_shapes}
     lights = {}
     for ring in RINGS:
@@ -68,7 +68,7 @@ def pepper_lights(pepper: PepperModel) -> dict[str, Drawable]:
 
 
 def _segments(ring: Ring, shape: Shape, mesh: Mesh) -> Iterator[tuple[str, DrawnSurface]]:
-    """Yield the lights of both sides of a ring, and their surfaces, a little in front of the shell."""
+    """Yield name and surface, a little in front of the shell, of each light on both sides."""
     surface = read_surface(mesh.path)
     vertices = surface.vertices * np.broadcast_to(np.asarray(mesh.scale, dtype=float), 3)
     faces = np.asarray(surface.faces)
@@ -86,18 +86,18 @@ def _sectors(middles: NDArray[np.float64], outward: NDArray[np.float64], count: 
     """Return the sector of each triangle of a ring, clockwise from the top.
 
     Args:
-        middles: Of the triangles [m], shape (F, 3).
+        middles: Centroids of the triangles [m], shape (F, 3).
         outward: Unit vector that the ring faces, shape (3,).
         count: Number of sectors.
     """
     center = (middles.min(axis=0) + middles.max(axis=0)) / 2.0
-    right = np.cross([0.0, 0.0, 1.0], outward)  # of somebody who looks at the ring
+    right = np.cross([0.0, 0.0, 1.0], outward)  # right of a viewer who faces the ring
     offset = middles - center
     angle = np.arctan2(offset @ right, offset[:, 2]) % (2.0 * np.pi)
     return np.minimum((angle * count / (2.0 * np.pi)).astype(np.intp), count - 1)
 
 
 def _part(vertices: NDArray[np.float64], faces: NDArray[np.intp]) -> DrawnSurface:
-    """Return the triangles of a surface alone: vertices [m], shape (V, 3), and faces, shape (F, 3)."""
+    """Return the surface of faces, shape (F, 3), with only the used vertices [m], shape (V, 3)."""
     used, numbered = np.unique(faces, return_inverse=True)
     return DrawnSurface(vertices[used].astype(np.float32), numbered.reshape(-1, 3).astype(np.uint32))

@@ -1,4 +1,4 @@
-"""A robot and its surroundings in a `meshcat.Visualizer` that a program has open already."""
+"""A robot and its surroundings in an open `meshcat.Visualizer`."""
 
 from __future__ import annotations
 
@@ -21,26 +21,26 @@ from pepper_kin.viewer.motion_frames import kept_samples
 
 @dataclass(frozen=True)
 class _Command:
-    """A command as a `meshcat` window sends it."""
+    """A command for a `meshcat` window to send."""
 
     content: dict[str, Any]
 
     def lower(self) -> dict[str, Any]:
-        """Return the command for the page."""
+        """Return the content of the command."""
         return self.content
 
 
 class MeshcatScene:
-    """A drawing made by `Viewer.in_meshcat`, in which `display` and `play` move the robot.
+    """A drawing of `Viewer.in_meshcat`, in which `display` and `play` move the robot.
 
     Args:
-        visualizer: A `meshcat.Visualizer`, or a part of one.
-        pepper: The robot.
-        drawn: What is drawn, of the robot and around it.
-        links: Links that something hangs on.
+        visualizer: `meshcat.Visualizer`, or a part of one.
+        pepper: Model of the robot.
+        drawn: Drawables of the robot and its surroundings.
+        links: Links with drawables.
 
     Raises:
-        InvalidValueError: for something else than a visualizer.
+        InvalidValueError: for an object that is no visualizer.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class MeshcatScene:
         self.display(pepper.default_posture())
 
     def display(self, q: ArrayLike) -> None:
-        """Show joint positions [rad or m], shape (n,), as `MeshcatVisualizer.display` of Pinocchio does.
+        """Show joint positions [rad or m], shape (n,), as Pinocchio's `MeshcatVisualizer.display`.
 
         Raises:
             InvalidValueError: for a wrong shape, NaN or infinity.
@@ -66,12 +66,12 @@ class MeshcatScene:
             self._part(link).set_transform(pose)
 
     def play(self, motion: Playable, *, fps: float = 40.0, repetitions: int = 1) -> None:
-        """Play a motion in the browser by meshcat's animation, which has a slider there; return at once.
+        """Play a motion in the browser by meshcat's animation, which has a slider; return at once.
 
         Args:
-            motion: A trajectory, a run of the twin, or a `JointMotion`.
-            fps: Most frames a second.
-            repetitions: How often it is played.
+            motion: Motion: a trajectory, a run of the twin, or a `JointMotion`.
+            fps: Maximum frames per second.
+            repetitions: Number of repetitions.
 
         Raises:
             InvalidValueError: for a motion of another robot, or one that tilts.

@@ -1,4 +1,4 @@
-"""The frames of a recorded motion: poses thinned to what an eye can follow."""
+"""The frames of a recorded motion: poses reduced to a frame rate."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from pepper_kin.viewer.drawable import rigid_transforms
 
 @dataclass(frozen=True)
 class Curve:
-    """A curve beside the motion.
+    """A curve to plot with a motion.
 
     Attributes:
-        values: One value for each sample, shape (T,).
-        limit: Largest magnitude that it may have, in its unit; None where it has no limit.
-        ghost: The same of a second robot, shape (T,), or None.
-        command: What it should have been, shape (T,), or None.
+        values: Value at each sample, shape (T,).
+        limit: Largest allowed magnitude, in the curve's unit; None for no limit.
+        ghost: Values of a second robot, shape (T,), or None.
+        command: Commanded values, shape (T,), or None.
     """
 
     values: ArrayLike
@@ -33,16 +33,16 @@ class Curve:
 
 @dataclass(frozen=True)
 class SampledSeries:
-    """A curve beside the motion, reduced to its frames without losing peaks.
+    """A curve to plot with a motion, reduced to its frames without losing peaks.
 
     Attributes:
-        name: What it shows, unit included.
+        name: Name of the curve, with its unit.
         value: Value at each frame, shape (F,).
-        low: Smallest value nearer to this frame than to its neighbors, shape (F,).
-        high: Largest such value, shape (F,).
-        limit: Largest magnitude that it may have, in its unit; None where it has no limit.
-        ghost: The same of a second robot at each frame, shape (F,), or None.
-        command: What it should have been at each frame, shape (F,), or None.
+        low: Minimum of the values nearer to the frame than to its neighbors, shape (F,).
+        high: Maximum of the values nearer to the frame than to its neighbors, shape (F,).
+        limit: Largest allowed magnitude, in the curve's unit; None for no limit.
+        ghost: Value of a second robot at each frame, shape (F,), or None.
+        command: Commanded value at each frame, shape (F,), or None.
     """
 
     name: str
@@ -62,7 +62,7 @@ class MotionFrames:
         times: Time of each frame, shape (F,), increasing [s].
         positions: Origin of each link in the world, shape (F, L, 3) [m].
         quaternions_xyzw: Orientation of each link in the world, shape (F, L, 4), continuous in time.
-        series: Curves beside the motion.
+        series: Curves to plot with the motion.
     """
 
     times: NDArray[np.float64]
@@ -75,11 +75,11 @@ def limited_series(series: Mapping[str, ArrayLike], limits: Mapping[str, float])
     """Return curves with their limits.
 
     Args:
-        series: Curves, name (with unit) to values of shape (T,).
-        limits: Largest magnitudes, by the names of some curves.
+        series: Name of a curve (with unit) -> values of shape (T,).
+        limits: Name of a curve -> largest allowed magnitude.
 
     Raises:
-        UnknownNameError: for a limit of no curve.
+        UnknownNameError: for a limit of an unknown curve.
         InvalidValueError: for a limit that is not above 0 and finite.
     """
     for name, limit in limits.items():
@@ -100,14 +100,14 @@ def motion_frames(
     series: Mapping[str, Curve],
     fps: float,
 ) -> MotionFrames:
-    """Check a motion and keep at most `fps` of its samples per second, the first and the last among them.
+    """Check a motion and reduce it to at most `fps` samples per second, with the first and the last.
 
     Args:
         times: Sample times, shape (T,), strictly increasing [s].
         link_poses: Transforms from link to world, shape (T, L, 4, 4) [m].
-        link_count: L.
-        series: Curves to show, by name (with unit).
-        fps: Most frames per second to keep.
+        link_count: Number of links L.
+        series: Name of a curve (with unit) -> curve to plot.
+        fps: Maximum frames per second to keep.
 
     Returns:
         The frames.
@@ -123,13 +123,13 @@ def motion_frames(
 
 
 def kept_samples(times: ArrayLike, fps: float) -> NDArray[np.intp]:
-    """Choose the samples nearest to a regular grid, each once, the first and the last among them.
+    """Select the samples nearest to a regular grid, each once, with the first and the last.
 
-    Frames are samples of the motion itself, not blends of two, so what is shown was really computed.
+    Frames are samples of the motion, not interpolations, so every shown state was really computed.
 
     Args:
         times: Sample times, shape (T,), strictly increasing [s].
-        fps: Most frames per second.
+        fps: Maximum frames per second.
 
     Returns:
         Indices of the samples, shape (F,), increasing.
@@ -156,25 +156,26 @@ def frames_of_samples(
     link_count: int,
     series: Mapping[str, Curve],
 ) -> MotionFrames:
-    """Assemble frames where poses are known at the kept samples only.
+    """Assemble frames from poses at the kept samples.
 
     Args:
         times: Times of all samples, shape (T,), strictly increasing [s].
         kept: Indices from `kept_samples`, shape (F,).
-        kept_poses: Transforms from link to world at those, shape (F, L, 4, 4) [m].
-        link_count: L.
-        series: Curves to show, by name (with unit), with values at all samples.
+        kept_poses: Transforms from link to world at the kept samples, shape (F, L, 4, 4) [m].
+        link_count: Number of links L.
+        series: Name of a curve (with unit) -> curve to plot, with values at all samples.
 
     Returns:
         The frames.
 
     Raises:
-        InvalidValueError: As for `motion_frames`.
+        InvalidValueError: Wrong shapes, times that do not increase, NaN or infinite values, or transforms
+            that are not rigid.
     """
     sample_times = _checked_times(times)
     poses = rigid_transforms("link_poses", kept_poses, (kept.size, link_count, 4, 4))
     quaternions = quaternions_of(poses[..., :3, :3])
-    # q and -q are one orientation; choose signs so that neighboring frames blend along the short way.
+    # q and -q are one orientation; signs are chosen so that neighboring frames blend along the shorter arc.
     turns = np.where(np.einsum("fli,fli->fl", quaternions[1:], quaternions[:-1]) < 0.0, -1.0, 1.0)
     quaternions[1:] *= np.cumprod(turns, axis=0)[..., None]
     curves = tuple(_sampled(name, curve, sample_times.size, kept) for name, curve in series.items())
@@ -182,7 +183,7 @@ def frames_of_samples(
 
 
 def _checked_times(times: ArrayLike) -> NDArray[np.float64]:
-    """Return the times [s], shape (T,), after a check that they are finite and strictly increasing."""
+    """Check that times [s], shape (T,), are finite and strictly increasing, and return them."""
     sample_times = as_finite(times, "times", (None,))
     if sample_times.size == 0:
         raise InvalidValueError("times", "no sample", "at least one time [s]")
@@ -198,7 +199,7 @@ def _checked_times(times: ArrayLike) -> NDArray[np.float64]:
 
 
 def _sampled(name: str, series: Curve, samples: int, kept: NDArray[np.intp]) -> SampledSeries:
-    """Return a curve at the kept samples, whose indices have shape (F,), with its extremes around each."""
+    """Reduce a curve to the kept samples, indices of shape (F,), with its extremes around each."""
     curve = as_finite(series.values, f"series {name!r}", (samples,))
     borders = np.concatenate([[0], (kept[1:] + kept[:-1] + 1) // 2])
     return SampledSeries(

@@ -1,4 +1,4 @@
-"""Pages as one text: a template of the folder `page` with its styles, its scripts and meshcat's."""
+"""Pages as one text: a template of the folder `page` with its styles, its scripts and meshcat's script."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from pepper_kin.viewer.drawing import meshcat_bundle
 
 @cache
 def _parts(name: str, scripts: tuple[str, ...]) -> dict[str, str]:
+    """Return the texts for the placeholders that all pages of a template share."""
     folder = files("pepper_kin.viewer") / "page"
 
     def text(*names: str) -> str:
@@ -18,19 +19,19 @@ def _parts(name: str, scripts: tuple[str, ...]) -> dict[str, str]:
     return {
         "template": text(f"{name}.html"),
         "style": text("common.css", f"{name}.css"),
-        # Code that cannot end its own script element: in strings and patterns `<\/` means `</`.
+        # The code must not end its own script element: in strings and patterns `<\/` means `</`.
         "meshcat": meshcat_bundle().replace("</script", "<\\/script").replace("<!--", "<\\!--"),
         "scripts": text(*scripts),
     }
 
 
 def filled_page(name: str, scripts: tuple[str, ...], **more: str) -> str:
-    """Return a page.
+    """Return the text of a page.
 
     Args:
-        name: Of its template and its style.
-        scripts: Files of its code, in order.
-        more: What else the template names, escaped for the place where it lands.
+        name: Name of the template and the style.
+        scripts: Files of the page's code, in order.
+        more: Texts for the template's other placeholders, escaped as needed there.
     """
     parts = {**_parts(name, scripts), **more}
     first, *rest = parts["template"].split("{{")

@@ -1,4 +1,4 @@
-"""The page of a reach: the executed motion with its targets and its world."""
+"""The page of a reach: the executed motion with its targets and scene."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ _GAZE_COLOR: Color = (0.12, 0.44, 0.92, 1.0)
 
 
 def save_reach_html(pepper: PepperModel, outcome: ReachOutcome, path: str | Path) -> Path:
-    """Save a page that plays what the twin did, with targets, obstacles and the torque of each joint.
+    """Save a page that plays the twin's motion, with targets, obstacles and the torque of each joint.
 
     Args:
-        pepper: The robot.
-        outcome: A reach that was executed.
-        path: The file to write; it appears when it is whole.
+        pepper: Model of the robot.
+        outcome: Outcome of an executed reach.
+        path: File to write; it appears when it is complete.
 
     Returns:
         The path of the file.

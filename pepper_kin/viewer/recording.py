@@ -26,7 +26,7 @@ from pepper_kin.viewer.touching import TouchSpan
 
 _SCRIPTS = ("stage.js", "motion.js", "axes.js", "plots.js", "panel.js")
 
-# Numbers by which MessagePack extensions of meshcat's Python side name JavaScript's typed arrays.
+# Codes of JavaScript's typed arrays in the MessagePack extensions of meshcat's Python side.
 _ARRAY_TYPES = {0x12: "Uint8Array", 0x15: "Int32Array", 0x16: "Uint32Array", 0x17: "Float32Array"}
 
 
@@ -43,23 +43,23 @@ def save_motion_page(
     markers: Sequence[Drawable] = (),
     fps: float = 40.0,
 ) -> Path:
-    """Write a motion as one HTML file that plays and scrubs it in 3D.
+    """Write a motion as one HTML file that plays it in 3D, with a time slider.
 
-    The file holds meshcat's drawing code, the scene and the poses; a browser opens it from disk.  Between two
-    frames the page blends positions linearly and orientations along the great arc.
+    The file contains meshcat's drawing code, the scene and the poses; a browser opens it from disk.  Between
+    two frames the page interpolates positions linearly and orientations spherically.
 
     Args:
-        drawables: The solids of the robot and of the scene.
+        drawables: Shapes of the robot and the scene.
         link_names: Names of the L links whose poses are given.
-        times: Sample times, shape (T,), strictly increasing [s]; one sample gives a still scene.
+        times: Sample times, shape (T,), strictly increasing [s]; one sample gives a static scene.
         link_poses: Transforms from link to world, shape (T, L, 4, 4) [m].
-        path: The file to write; it appears when it is whole, and an older one is replaced.
+        path: File to write; it appears when it is complete, and replaces an older one.
         title: Title of the page.
-        series: Curves to plot beside the motion, name (with unit) to values of shape (T,).
-        limits: Largest magnitude that a curve may have, by its name, in its unit; the axis of such a curve
-            shows shares of it, with lines at the limits.
-        markers: Targets, as made by `marker`; they are listed by name in the page.
-        fps: Most frames per second to keep.
+        series: Name of a curve to plot (with unit) -> values of shape (T,).
+        limits: Largest allowed magnitude of a curve, by its name, in its unit; the axis of a limited curve
+            shows fractions of the limit, with lines at the limits.
+        markers: Targets, created by `marker`; they are listed by name on the page.
+        fps: Maximum frames per second to keep.
 
     Returns:
         The path of the file.
@@ -89,16 +89,16 @@ def write_frames_page(
     ghost: Ghost | None = None,
     view: CameraView | Viewpoint = "three-quarter",
 ) -> Path:
-    """Write frames that are chosen already as one HTML file; see `save_motion_page`.
+    """Write given frames as one HTML file; see `save_motion_page`.
 
-    What touches in `touches` is drawn in red at these times, and named in a sentence; `notes` are shown at
-    theirs.  `ghost` is the second robot, whose parts and frames are among the others.  The page opens with
-    `view` unless its address has another.
+    Links and objects of `touches` are drawn in red in their intervals, and named in a sentence; `notes` are
+    shown in theirs.  `ghost` is the second robot, whose parts and frames are among the others.  The page
+    opens with `view` unless its address has another view.
     """
     names = tuple(link_names)
     if len(set(names)) != len(names):
         raise InvalidValueError("link_names", "a name twice", "each link once")
-    title = title.encode("utf-8", "replace").decode()  # names of files may hold what is no character
+    title = title.encode("utf-8", "replace").decode()  # names of files may contain invalid characters
     everything = (*drawables, *markers, *map(seen_through, markers))
     drawn = {drawable.link for drawable in everything}
     for link in drawn - {None, *names}:
@@ -115,20 +115,20 @@ def write_frames_page(
         "view": view_options(view),
         "buffers": buffers.contents,
     }
-    # "<" can only stand inside a JSON string, where its escape means the same: no tag can begin here.
+    # "<" occurs only inside JSON strings, where its escape means the same: no tag can start here.
     text = json.dumps(content, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
     return atomic_file.write_text(path, filled_page("page", _SCRIPTS, title=html.escape(title), content=text))
 
 
 class _Buffers:
-    """Arrays of the page, each distinct content once, in base64."""
+    """Arrays of the page in base64, each distinct content once."""
 
     def __init__(self) -> None:
         self.contents: list[str] = []
         self._numbers: dict[bytes, int] = {}
 
     def add(self, data: bytes, array_type: str) -> dict[str, Any]:
-        """Return the stand-in that the page replaces with a typed array over the data."""
+        """Add data; return the placeholder that the page replaces by a typed array."""
         if data not in self._numbers:
             self._numbers[data] = len(self.contents)
             self.contents.append(base64.b64encode(data).decode("ascii"))
@@ -139,7 +139,7 @@ class _Buffers:
         return self.add(np.asarray(values, dtype="<f4").tobytes(), "Float32Array")
 
     def _array(self, data: bytes, array_type: str) -> dict[str, Any]:
-        """Add an array as it is, or in half the space where it holds small whole numbers (vertex indices)."""
+        """Add an array; small integers (vertex indices) are stored in half the space."""
         if array_type == "Uint32Array":
             indices = np.frombuffer(data, dtype="<u4")
             if indices.size and indices.max() < 2**16:
@@ -147,7 +147,7 @@ class _Buffers:
         return self.add(data, array_type)
 
     def embed(self, value: Any) -> Any:
-        """Return a lowered command whose binary parts are stand-ins and whose numbers are Python's."""
+        """Return a command with placeholders for binary parts and with Python's numbers."""
         import umsgpack
 
         if isinstance(value, umsgpack.Ext):
@@ -162,7 +162,7 @@ class _Buffers:
 def _motion_data(
     frames: MotionFrames, names: tuple[str, ...], drawn: set[str | None], buffers: _Buffers
 ) -> dict[str, Any]:
-    """Return the frames as the page reads them; links that carry nothing are left out."""
+    """Return the frames for the page; links without drawables are left out."""
     columns = [index for index, name in enumerate(names) if name in drawn]
     return {
         "times": buffers.add(np.asarray(frames.times, dtype="<f8").tobytes(), "Float64Array"),
@@ -190,6 +190,6 @@ def _legend_entry(ball: Drawable) -> dict[str, Any]:
 
 
 def _css(color: Color) -> str:
-    """Return a color as style sheets write it, without its opacity."""
+    """Convert a color to CSS, without its opacity."""
     red, green, blue = (round(255 * channel) for channel in color[:3])
     return f"rgb({red}, {green}, {blue})"

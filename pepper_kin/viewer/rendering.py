@@ -1,4 +1,4 @@
-"""Rendering of a motion to a film, a picture or a page, by the file's suffix."""
+"""Rendering of a motion to a video, an image or a page, by the file's suffix."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ PICTURE_SUFFIX = ".png"
 RENDER_SUFFIXES = (*VIDEO_SUFFIXES, PICTURE_SUFFIX, ".html")
 
 FPS = 30.0
-"""Frames per second of a film, if nothing else is said."""
+"""Default frames per second of a video."""
 SIZE = (1280, 800)
-"""Width and height of a film or picture, if nothing else is said [pixel]."""
+"""Default width and height of a video or an image [pixel]."""
 VIEW: CameraView = "three-quarter"
-"""Where a film or picture is seen from, if nothing else is said."""
+"""Default view of a video or an image."""
 
 
 def render_motion(
@@ -39,23 +39,23 @@ def render_motion(
     """Render a motion to a file.
 
     Args:
-        pepper: The robot.
-        motion: A trajectory, a run of the twin, a `JointMotion`, or joint positions of shape (n,).
-        path: .mp4 or .gif (a film), .png (a picture) or .html (a page that plays and scrubs).
-        scene: What stands around the robot.
-        fps: Frames per second of a film, `FPS` if omitted.
-        size: Width and height of a film or picture [pixel], `SIZE` if omitted.
-        view: Of a film or picture: "three-quarter" (if omitted), "front", "side", "top", or a `Viewpoint`.
-        at_time: Time that a picture shows [s]; the start if omitted.
-        on_frame: Called with the number of a film's frames done and of all.
+        pepper: Model of the robot.
+        motion: Motion: a trajectory, a run of the twin, a `JointMotion`, or joint positions of shape (n,).
+        path: File to write: .mp4 or .gif (a video), .png (an image) or .html (a page with a time slider).
+        scene: Obstacles around the robot, and attached objects.
+        fps: Frames per second of a video, `FPS` if omitted.
+        size: Width and height of a video or an image [pixel], `SIZE` if omitted.
+        view: View of a video or an image: "three-quarter" (default), "front", "side", "top" or `Viewpoint`.
+        at_time: Time of an image [s]; the start if omitted.
+        on_frame: Called with the numbers of rendered frames and of all frames of a video.
 
     Returns:
         The path of the file.
 
     Raises:
         UnknownNameError: for another suffix.
-        InvalidValueError: for an option that this kind of file does not have.
-        PepperKinError: as `Viewer.save_video`, `Viewer.save_image` and `Viewer.save_html`.
+        InvalidValueError: for an option that does not apply to this kind of file.
+        PepperKinError: the errors of `Viewer.save_video`, `Viewer.save_image` and `Viewer.save_html`.
     """
     suffix = Path(path).suffix.lower()
     if suffix not in RENDER_SUFFIXES:
@@ -73,7 +73,7 @@ def render_motion(
 
 
 def _refuse_what_has_no_effect(suffix: str, **options: object) -> None:
-    """Refuse options that a file with this suffix would silently ignore."""
+    """Refuse options that do not apply to a file with this suffix."""
     takers = {
         "fps": (VIDEO_SUFFIXES, "a film's frames per second; a page plays as smoothly as the browser can"),
         "size": ((*VIDEO_SUFFIXES, PICTURE_SUFFIX), "the size of a film or picture; a page fills its window"),

@@ -1,4 +1,4 @@
-"""Triangle surfaces to draw: read from files or made for shapes that meshcat has no primitive for."""
+"""Triangle surfaces to draw, from files or for shapes without a primitive in meshcat."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from pepper_kin.exceptions import FileFormatError
 
 FaceColor: TypeAlias = tuple[float, float, float, float]
 MOST_COLORS = 64
-"""A mesh file with more colors is drawn in one."""
+"""Maximum number of colors of a mesh file; a file with more is drawn in its mean color."""
 CREASE_ANGLE = np.deg2rad(35.0)
-"""Edges that bend more than this are drawn sharp, all others smooth [rad]."""
+"""Crease angle: edges with a larger angle are drawn sharp, all others smooth [rad]."""
 
 
 @dataclass(frozen=True)
 class DrawnSurface:
-    """An indexed triangle surface; corners that meet at a sharp edge are separate vertices.
+    """An indexed triangle surface; corners at a sharp edge are separate vertices.
 
     Attributes:
         vertices: Positions, shape (V, 3) [m before scaling], float32.
@@ -40,21 +40,21 @@ class DrawnSurface:
 
 
 def read_surface(path: str | Path, crease_angle: float = CREASE_ANGLE) -> DrawnSurface:
-    """Read a mesh file, of any format that `collision.mesh_file` knows, as an indexed surface.
+    """Read a mesh file of any format of `collision.mesh_file` as an indexed surface.
 
-    Corners at the same place become one vertex unless a sharp edge runs between their triangles, so a viewer
-    that averages normals per vertex shades round parts smoothly and keeps hard edges, and the data of an STL
+    Corners at the same position become one vertex unless a sharp edge is between their triangles, so a viewer
+    that averages normals per vertex shades round parts smoothly and keeps sharp edges, and the data of an STL
     file shrinks to about a quarter.
 
     Args:
-        path: The file.
-        crease_angle: Largest angle between neighboring triangles that is drawn smooth [rad].
+        path: Mesh file.
+        crease_angle: Largest angle between neighboring triangles that are shaded smoothly [rad].
 
     Returns:
         The surface [m before scaling].
 
     Raises:
-        FileFormatError: The file cannot be read, is cut short, holds no triangle or holds NaN or infinite
+        FileFormatError: The file cannot be read, is truncated, has no triangle, or has NaN or infinite
             coordinates.
     """
     vertices, faces = read_mesh(path)
@@ -62,16 +62,16 @@ def read_surface(path: str | Path, crease_angle: float = CREASE_ANGLE) -> DrawnS
 
 
 def read_colored_surfaces(path: str | Path) -> tuple[tuple[DrawnSurface, FaceColor | None], ...]:
-    """Read a mesh file as one surface for each color that it names; see `read_surface`.
+    """Read a mesh file as one surface for each of its colors; see `read_surface`.
 
     Returns:
-        Surfaces and their colors: red, green, blue and opacity, 0 to 1. None for a file without colors.
+        Surfaces with red, green, blue and opacity, 0 to 1; the color is None for a file without colors.
     """
     vertices, faces, colors = read_colored_mesh(path)
     if not len(colors):
         return ((_smooth_surface(path, vertices, faces, CREASE_ANGLE), None),)
     kinds, places = np.unique(colors, axis=0, return_inverse=True)
-    if len(kinds) > MOST_COLORS:  # painted corner by corner: one surface of the mean color
+    if len(kinds) > MOST_COLORS:  # colored by vertex: one surface of the mean color
         kinds, places = colors.mean(axis=0)[None], np.zeros(len(faces), int)
     surfaces = []
     for index, (red, green, blue, opacity) in enumerate((kinds / 255.0).tolist()):
@@ -93,15 +93,15 @@ def _smooth_surface(
 
 
 def split_at_creases(vertices: NDArray[Any], faces: NDArray[Any], crease_angle: float) -> DrawnSurface:
-    """Give each vertex on a sharp edge one copy per smooth patch that meets there.
+    """Duplicate each vertex on a sharp edge, with one copy per adjacent smooth patch.
 
-    Two corners at the same vertex belong together when their triangles share an edge at that vertex and bend
+    Two corners at a vertex belong to one patch if their triangles share an edge at that vertex and bend
     by at most `crease_angle` across it; the patches are the connected components of that relation.
 
     Args:
         vertices: Positions [m before scaling], shape (V, 3).
         faces: Vertex indices, shape (F, 3).
-        crease_angle: Largest bend that is smooth [rad].
+        crease_angle: Largest smooth angle between triangles [rad].
 
     Returns:
         The surface with the same triangles in the same order.
@@ -129,17 +129,17 @@ def split_at_creases(vertices: NDArray[Any], faces: NDArray[Any], crease_angle: 
 
 
 def _least_connected(count: int, first: NDArray[Any], second: NDArray[Any]) -> NDArray[Any]:
-    """Return the least node that each of `count` nodes is connected with, by edges from first to second.
+    """Return the smallest node in the connected component of each node, by edges from first to second.
 
-    Each round lets the least of two joined nodes stand for what stood for both, and halves the ways there.
+    Each round joins the representatives of connected nodes to the smaller one, and halves the paths to it.
 
     Args:
         count: Number of nodes.
-        first: Nodes where the E edges begin, shape (E,).
-        second: Nodes where they end, shape (E,).
+        first: Start nodes of the E edges, shape (E,).
+        second: End nodes of the edges, shape (E,).
 
     Returns:
-        Nodes, shape (count,).
+        Smallest connected node of each node, shape (count,).
     """
     least = np.arange(count)
     while (least[first] != least[second]).any():
@@ -151,19 +151,19 @@ def _least_connected(count: int, first: NDArray[Any], second: NDArray[Any]) -> N
 
 
 def capsule_surface(radius: float, length: float, segments: int = 24, rings: int = 8) -> DrawnSurface:
-    """Make a capsule around the z axis, centered at the origin.
+    """Create a capsule along the z axis, centered at the origin.
 
     Args:
-        radius: Radius of the tube and of its two half spheres [m].
-        length: Length of the straight part [m].
-        segments: Corners around the axis.
-        rings: Steps from each pole to its equator.
+        radius: Radius of the cylinder and its two hemispheres [m].
+        length: Length of the cylinder [m].
+        segments: Number of vertices around the axis.
+        rings: Number of steps from each pole to its equator.
 
     Returns:
         A closed surface whose vertices lie on the capsule.
     """
     latitude = np.linspace(-np.pi / 2, np.pi / 2, 2 * rings + 1)
-    latitude = np.insert(latitude[1:-1], rings - 1, 0.0)  # the equator twice: once per end of the tube
+    latitude = np.insert(latitude[1:-1], rings - 1, 0.0)  # the equator twice: once per end of the cylinder
     offset = np.where(np.arange(2 * rings) < rings, -length / 2, length / 2)
     longitude = np.arange(segments) * (2 * np.pi / segments)
     ring = np.stack(
@@ -188,15 +188,15 @@ def capsule_surface(radius: float, length: float, segments: int = 24, rings: int
 
 
 def balls_surface(points: NDArray[Any], radius: float, most: int = 40_000) -> DrawnSurface:
-    """Make a little octahedron for each of many balls.
+    """Create a small octahedron for each of many spheres.
 
     Args:
         points: Centers, shape (k, 3) [m].
-        radius: Distance of the corners from the center [m].
-        most: Balls drawn at most; of more, every second, third, ... is drawn.
+        radius: Distance of the vertices from the center [m].
+        most: Maximum number of spheres; of more, every second, third, ... is drawn.
 
     Returns:
-        One surface; without balls, a single point that shows nothing.
+        One surface; without points, a degenerate triangle that is invisible.
     """
     if not len(points):
         return DrawnSurface(np.zeros((3, 3), dtype=np.float32), np.array([[0, 1, 2]], dtype=np.uint32))

@@ -1,4 +1,4 @@
-"""Callbacks for targets that people drag, in a separate thread."""
+"""Callbacks for dragged targets, in a separate thread."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from pepper_kin.arrays import read_only
 class TargetListener:
     """Calls a function with each target's newest position, one call at a time.
 
-    A callback that is slower than the hand that drags misses positions between, never the last.
+    A callback that is slower than the dragging misses intermediate positions, never the last.
 
     Args:
-        callback: Gets name and position, shape (3,) [m], read-only.  What it raises is printed, and the next
-            position is delivered all the same.
+        callback: Gets name and position, shape (3,) [m], read-only.  Its errors are printed, and the next
+            position is still delivered.
     """
 
     def __init__(self, callback: Callable[[str, NDArray[np.float64]], object]) -> None:
@@ -30,13 +30,13 @@ class TargetListener:
         threading.Thread(target=self._run, name="pepper-kin target listener", daemon=True).start()
 
     def hear(self, name: str, position: NDArray[np.float64]) -> None:
-        """Take a position [m], shape (3,), for the callback; returns at once."""
+        """Queue a position [m], shape (3,), for the callback; return at once."""
         with self._changed:
             self._newest[name] = read_only(position)
             self._changed.notify()
 
     def stop(self) -> None:
-        """Begin no further call."""
+        """Stop; no further call is started."""
         with self._changed:
             self._ended = True
             self._changed.notify()

@@ -1,4 +1,4 @@
-"""Contacts of a recorded motion: bodies, times, and a sentence."""
+"""Contacts of a recorded motion: bodies, times and a sentence."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from pepper_kin.viewer.server.words import contact_words
 
 @dataclass(frozen=True)
 class TouchSpan:
-    """A time in which the same things touch.
+    """An interval in which the same bodies touch.
 
     Attributes:
-        start: Time of its first frame [s].
-        end: Time of its last frame [s].
+        start: Time of the first frame [s].
+        end: Time of the last frame [s].
         links: Links that are drawn in red.
         objects: Objects that are drawn in red.
-        text: What touches what, in a sentence.
+        text: Contacts in a sentence.
     """
 
     start: float
@@ -40,14 +40,14 @@ def touch_spans(
     scene: Scene,
     links: Sequence[str],
 ) -> tuple[TouchSpan, ...]:
-    """Return when the frames of a motion touch something, in order.
+    """Return the intervals in which frames of a motion have contacts, in order.
 
     Args:
-        pepper: The robot.
+        pepper: Model of the robot.
         times: Times of the frames, shape (F,) [s].
         positions: Joint positions of the frames, shape (F, n) [rad or m].
-        scene: The world around it; obstacles that move are where they are at each time.
-        links: The links that are drawn.
+        scene: Scene around the robot; moving obstacles are at their poses of each time.
+        links: Names of the drawn links.
     """
     carriers = {link: carrier for link, (carrier, _) in carriers_of(pepper).items()}
     spans: list[TouchSpan] = []
@@ -68,7 +68,7 @@ def touch_spans(
 def touching_names(
     found: Iterable[Contact], carriers: dict[str, str], scene: Scene
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return what touches: moving bodies, each by the link that `carriers` has for it, and objects."""
+    """Return the touching bodies, by their link in `carriers`, and the touching objects."""
     names = {name for contact in found for name in contact.names}
     objects = names & set(scene.names)
     return tuple(sorted({carriers[name] for name in names - objects if name in carriers})), tuple(

@@ -1,4 +1,4 @@
-"""Motions as films: MP4 and GIF, frame by frame from the page that a browser draws."""
+"""Motions as videos: MP4 and GIF, frame by frame from the page in a browser."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from PIL import Image
 
 VIDEO_SUFFIXES = (".mp4", ".gif")
-_QUALITY = 20  # x264's constant rate factor: 0 keeps every bit, 51 is the worst
+_QUALITY = 20  # x264's constant rate factor: 0 is lossless, 51 is the worst
 _TIME_BASE = 1000  # frames per second are rounded to a thousandth
-_GIF_TICK = 0.01  # [s] a GIF counts time in hundredths of a second
+_GIF_TICK = 0.01  # [s]; a GIF has times in hundredths of a second
 _COLORS = 256
 
 
@@ -37,28 +37,28 @@ def save_video(
     on_frame: Callable[[int, int], None] = lambda done, total: None,
     timeout: float = 60.0,
 ) -> Path:
-    """Film a motion page, from its first frame to its last.
+    """Record a video of a motion page, from its first frame to its last.
 
-    One browser draws all pictures; it gets the time of each, so that slow machines film the same motion.
+    One browser renders all frames at given times, so that slow machines record the same motion.
 
     Args:
-        html_path: A page as written by `save_motion_page`.
-        video_path: The film to write, .mp4 (H.264) or .gif; it appears when it is whole.
-        fps: Frames per second, in (0, 240]; a GIF has 50 at most and rounds each to a hundredth of a second.
+        html_path: Page that `save_motion_page` has written.
+        video_path: Video file to write, .mp4 (H.264) or .gif; it appears when it is complete.
+        fps: Frames per second, in (0, 240]; a GIF has 50 at most and rounds times to a hundredth of a second.
         size: Width and height [pixel]; even numbers for .mp4.
-        view: "three-quarter", "front", "side" or "top", or a `Viewpoint`.
-        on_frame: Called with the number of frames done and of all.
-        timeout: Longest wait for one picture [s].
+        view: View: "three-quarter", "front", "side" or "top", or a `Viewpoint`.
+        on_frame: Called with the numbers of rendered frames and of all frames.
+        timeout: Timeout of each frame [s].
 
     Returns:
-        The path of the film.
+        The path of the video.
 
     Raises:
         UnknownNameError: for another suffix or view.
         InvalidValueError: for fps or a size out of range, or a page that does not exist.
         MissingDependencyError: No Chromium is installed, or for .mp4 no PyAV.
-        InfeasibleError: The browser gives no picture.
-        FileFormatError: The film cannot be written.
+        InfeasibleError: The browser renders no image.
+        FileFormatError: The video cannot be written.
     """
     suffix = Path(video_path).suffix.lower()
     check_video(suffix, fps, size, view)
@@ -71,7 +71,7 @@ def save_video(
 
 
 def check_video(suffix: str, fps: float, size: tuple[int, int], view: CameraView | Viewpoint) -> None:
-    """Refuse what no film can be made of, before anything is drawn; see `save_video`."""
+    """Check the options of a video before anything is rendered; raises the errors of `save_video`."""
     if suffix not in VIDEO_SUFFIXES:
         raise UnknownNameError("video suffix", suffix, VIDEO_SUFFIXES)
     most = 1 / (2 * _GIF_TICK) if suffix == ".gif" else 240.0
@@ -88,7 +88,7 @@ def check_video(suffix: str, fps: float, size: tuple[int, int], view: CameraView
 
 
 def frame_times(start: float, end: float, fps: float) -> NDArray[np.float64]:
-    """Return the times of a film's frames [s], `fps` a second; the last one shows the end, shape (F,)."""
+    """Return the times of a video's frames [s], `fps` a second, shape (F,); the last is the end."""
     count = math.ceil((end - start) * fps - 1e-6) + 1
     return np.minimum(start + np.arange(count) / fps, end)
 
@@ -96,7 +96,7 @@ def frame_times(start: float, end: float, fps: float) -> NDArray[np.float64]:
 def _pictures(
     session: BrowserSession, times: NDArray[np.float64], on_frame: Callable[[int, int], None]
 ) -> Iterator[Image.Image]:
-    """Yield the page's pictures at times [s], shape (F,)."""
+    """Yield the page's images at times [s], shape (F,)."""
     from PIL import Image
 
     for index, time in enumerate(times):
@@ -109,14 +109,14 @@ def _av() -> Any:
 
 
 def _encode_mp4(pictures: Iterable[Image.Image], fps: float, size: tuple[int, int]) -> bytes:
-    """Encode as H.264 in one thread: the same pictures give the same bytes."""
+    """Encode as H.264 in one thread, so that the same images give the same bytes."""
     av = _av()
     rate = Fraction(round(fps * _TIME_BASE), _TIME_BASE)
     film = io.BytesIO()
     with av.open(film, "w", format="mp4") as container:
         stream = container.add_stream("libx264", rate=rate)
         stream.width, stream.height = size
-        stream.pix_fmt = "yuv420p"  # what every player and browser reads
+        stream.pix_fmt = "yuv420p"  # supported by every player and browser
         stream.options = {"crf": str(_QUALITY), "preset": "medium", "threads": "1"}
         for picture in pictures:
             for packet in stream.encode(av.VideoFrame.from_image(picture)):
@@ -127,7 +127,7 @@ def _encode_mp4(pictures: Iterable[Image.Image], fps: float, size: tuple[int, in
 
 
 def _encode_gif(pictures: Iterable[Image.Image], fps: float) -> bytes:
-    """Encode as an endless GIF in the colors of the first frame: what stands still costs nothing."""
+    """Encode as an endless GIF in the colors of the first frame, so that unchanged parts take no space."""
     from PIL import Image
 
     frames: list[Image.Image] = []
@@ -138,7 +138,7 @@ def _encode_gif(pictures: Iterable[Image.Image], fps: float) -> bytes:
             frames.append(
                 picture.quantize(_COLORS, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
             )
-    # Sums of whole ticks, so that rounding does not add up over the film.
+    # Differences of rounded sums, so that rounding does not accumulate over the video.
     ticks = np.diff(np.round(np.arange(len(frames) + 1) / (fps * _GIF_TICK)))
     film = io.BytesIO()
     frames[0].save(

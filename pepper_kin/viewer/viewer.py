@@ -1,4 +1,4 @@
-"""The viewer: a robot, its surroundings and its motion, live in a browser or kept as files."""
+"""The viewer: a robot, its surroundings and its motion, live in a browser or saved as files."""
 
 from __future__ import annotations
 
@@ -43,25 +43,26 @@ _LAYERS = {"visual": VISUAL, "collision": CAPSULES, "spheres": SPHERES}
 
 
 class Viewer:
-    """Shows a robot and its motions.
+    """Viewer of a robot and its motions.
 
         viewer = Viewer(pepper).add_scene(scene).add_target("left hand", point)
         viewer.save_html("motion.html", run)      # one file, no server
         print(viewer.play(run))                   # address of a live page
 
-    Pictures need a Chromium.  A live page is started by the first `show`, `play` or `on_target`; in a
-    notebook, a viewer that ends a cell shows it in a frame.  The page has the panel of `pepper-kin view`.
-    Use the viewer as a context manager, or call `close`, to end its server before Python ends.
+    Images and videos need a Chromium.  A live page is started by the first `show`, `play` or `on_target`; in
+    a notebook, a viewer at the end of a cell shows the page in a frame.  The page has the panel of
+    `pepper-kin view`.  Use the viewer as a context manager, or call `close`, to stop its server before Python
+    ends.
 
     Args:
-        pepper: The robot.
-        geometry_type: "visual" draws the visual meshes, "collision" the shapes that may not touch, "spheres"
+        pepper: Model of the robot.
+        geometry_type: "visual" draws the visual meshes, "collision" the collision shapes, "spheres"
             the sphere set.
-        over: Geometry drawn on top as well, half transparent, such as "collision" over "visual".
+        over: Second geometry, drawn translucent over the first, such as "collision" over "visual".
         port: Port of the live page; None takes the first free one from 7878 on, 0 any free one.
 
     Raises:
-        UnknownNameError: There is no such geometry type.
+        UnknownNameError: for an unknown geometry type.
     """
 
     def __init__(
@@ -102,12 +103,12 @@ class Viewer:
 
     @property
     def url(self) -> str | None:
-        """Address of the live page, or None while there is none."""
+        """Address of the live page, or None before it is started."""
         return server.url if (server := self._server) else None
 
     @property
     def q(self) -> NDArray[np.float64]:
-        """Joint positions that the live page shows now, shape (n,) [rad or m]; at first Ready's."""
+        """Joint positions shown on the live page, shape (n,) [rad or m]; initially the posture Ready."""
         if (server := self._server) is None:
             return self._motion.positions[0].copy()
         return server.call(lambda session: session.q.copy())
@@ -122,15 +123,15 @@ class Viewer:
     def add_scene(self, scene: Scene) -> Viewer:
         """Draw a scene's objects; an object of the same name is replaced.
 
-        What hangs on the robot moves with it.  Half-spaces are drawn as plates, clouds as little balls;
-        paddings are not drawn.  Obstacles that move do so in recordings, pictures and films, from the
-        motion's begin on; on the live page they stand.
+        Attached objects move with the robot.  Half-spaces are drawn as plates, clouds as small spheres;
+        paddings are not drawn.  Moving obstacles move in recordings, images and videos, from the motion's
+        start on; on the live page they are static.
 
         Returns:
             The viewer itself, so that calls can be chained.
 
         Raises:
-            UnknownNameError: An object hangs on a frame that the robot lacks.
+            UnknownNameError: An object is attached to a frame that the robot does not have.
         """
         for held in scene.attached.values():
             self._pepper.frame_id(held.frame)
@@ -150,11 +151,11 @@ class Viewer:
         return self
 
     def add_target(self, name: str, position: ArrayLike, color: Color = TARGET_COLOR) -> Viewer:
-        """Mark a target by a ball that the page lists by name; one of the same name is replaced.
+        """Mark a target by a sphere that the page lists by name; a target of the same name is replaced.
 
         Args:
-            name: What to call it.
-            position: Where it is in the world, shape (3,) [m].
+            name: Name of the target.
+            position: Position in the world, shape (3,) [m].
             color: Red, green, blue and opacity, each in [0, 1].
 
         Returns:
@@ -168,17 +169,17 @@ class Viewer:
         return self
 
     def on_target(self, callback: Callable[[str, NDArray[np.float64]], object] | None) -> Viewer:
-        """Hear where people drag the targets of the live page, which this starts.
+        """Subscribe a callback to dragged targets of the live page; starts the page.
 
             viewer.on_target(lambda name, position: print(name, position))
 
         The callback gets the target's name ("left hand", "right hand" or "gaze") and its position in the
-        world, shape (3,) [m].  It runs in a separate thread; while it runs, only the newest position of
-        each target is kept for it.  It may call the viewer, for instance `show`.  The body goes on following
+        world, shape (3,) [m].  It runs in a separate thread; while it runs, only the newest position of each
+        target is kept for it.  It may call the viewer, for instance `show`.  The body continues to follow
         unless the page's "Follow live" is off; see `follow`.
 
         Args:
-            callback: What to call; None to hear no more.
+            callback: Function to call; None ends the subscription.
 
         Returns:
             The viewer itself, so that calls can be chained.
@@ -191,7 +192,7 @@ class Viewer:
         return self
 
     def follow(self, on: bool = True) -> Viewer:
-        """Choose whether the body in the live page follows the targets that people drag.
+        """Set whether the body on the live page follows dragged targets.
 
         Returns:
             The viewer itself, so that calls can be chained.
@@ -200,28 +201,28 @@ class Viewer:
         return self
 
     def move_target(self, name: str, position: ArrayLike) -> Viewer:
-        """Put a target of the live page somewhere, as dragging it does; the body follows by the servo.
+        """Move a target of the live page, as if dragged; the body follows by the servo.
 
-        Returns at once, while the body moves; `q` is its present state.  The first time on a machine the
-        servo is compiled before, which takes a minute or two.
+        Returns at once, while the body moves; `q` is its present state.  On the first use on a machine, the
+        servo is compiled first, which takes a minute or two.
 
         Args:
-            name: "left hand", "right hand" or "gaze".
-            position: Where it is in the world, shape (3,) [m].
+            name: Name of the target: "left hand", "right hand" or "gaze".
+            position: Position in the world, shape (3,) [m].
 
         Returns:
             The viewer itself, so that calls can be chained.
 
         Raises:
             InvalidValueError: `position` is not three finite numbers.
-            UnknownNameError: There is no such target.
+            UnknownNameError: for an unknown target.
         """
         place = as_finite(position, f"position of target {name!r}", (3,))
         self._live().call(lambda session: session.move_target(name, place))
         return self
 
     def show(self, q: ArrayLike) -> str:
-        """Show joint positions in the live page.
+        """Show joint positions on the live page.
 
         Args:
             q: Joint positions, shape (n,) [rad or m].
@@ -238,19 +239,19 @@ class Viewer:
         return server.url
 
     def play(self, motion: Playable, *, title: str = "Motion", loop: bool = False) -> str:
-        """Play a motion in the live page, with its torques and clearance; returns at once.
+        """Play a motion on the live page, with its torques and clearance; return at once.
 
         Args:
-            motion: A trajectory, a run of the twin, or a `JointMotion`.
-            title: What to call it.
-            loop: Whether it starts again at its end.
+            motion: Motion: a trajectory, a run of the twin, or a `JointMotion`.
+            title: Title on the page.
+            loop: Whether the motion repeats.
 
         Returns:
             The address of the page.
 
         Raises:
             InvalidValueError: for a motion of another robot (joint count), or with NaN or infinity; or one
-                that tilts, which recordings show.
+                that tilts, which only recordings can show.
         """
         from pepper_kin.viewer.server.planning import show_motion
 
@@ -270,7 +271,7 @@ class Viewer:
         return server.url
 
     def draw(self, do: Callable[[Board], object]) -> Viewer:
-        """Draw more on the live page, which this starts: `do` is called with the board of its groups.
+        """Draw on the live page, which is started if needed: `do` is called with the board of its groups.
 
         Returns:
             The viewer itself, so that calls can be chained.
@@ -279,7 +280,7 @@ class Viewer:
         return self
 
     def in_meshcat(self, visualizer: Any) -> MeshcatScene:
-        """Draw robot, scene and targets into a `meshcat.Visualizer` that is open, in a notebook as well.
+        """Draw robot, scene and targets into an open `meshcat.Visualizer`, also in a notebook.
 
             visualizer = meshcat.Visualizer()
             scene = pk.Viewer(pepper).add_scene(table).in_meshcat(visualizer["pepper"])
@@ -287,13 +288,13 @@ class Viewer:
             scene.play(trajectory)
 
         Args:
-            visualizer: The visualizer, or a part of it, which is emptied.
+            visualizer: `meshcat.Visualizer`, or a part of it, which is emptied.
 
         Returns:
-            What shows joint positions and motions there.
+            A drawing that shows joint positions and motions there.
 
         Raises:
-            InvalidValueError: for something else than a visualizer.
+            InvalidValueError: for an object that is no visualizer.
             FileFormatError: A mesh of the robot cannot be read.
         """
         drawn = (*self._robot, *self._surroundings.values(), *self._targets.values())
@@ -310,33 +311,33 @@ class Viewer:
         fps: float = 40.0,
         view: CameraView | Viewpoint = "three-quarter",
     ) -> Path:
-        """Save a page that plays and scrubs a motion in 3D: one file, no server, no network.
+        """Save a page that plays a motion in 3D, with a time slider: one file, no server, no network.
 
         Args:
-            path: The file to write; it appears when it is whole.
-            motion: A trajectory, a run of the twin, or one that tilts (`TippingRun`), a `JointMotion`, or
-                joint positions of shape (n,); None takes what was shown or played last, at first the robot
-                standing.
+            path: File to write; it appears when it is complete.
+            motion: A trajectory, a run of the twin, one that tilts (`TippingRun`), a `JointMotion`, or joint
+                positions of shape (n,); None takes the motion that was shown or played last, initially the
+                robot standing.
             title: Title of the page; None takes the robot's name.
-            series: Curves to plot beside the motion, name (with unit) to values of shape (T,); None plots
-                what the motion brings along (a run: the torque of each joint; a trajectory: its velocity).
-            limits: Largest magnitude that a curve of `series` may have, by its name, in its unit; its axis
-                then shows shares of it.  What the motion brings along has its limits.
-            fps: Most frames per second to keep.
-            view: Where the page's camera begins: "three-quarter", "front", "side" or "top", or a `Viewpoint`.
+            series: Name of a curve to plot (with unit) -> values of shape (T,); None plots
+                the motion's own curves (a run: the torque of each joint; a trajectory: its velocity).
+            limits: Largest allowed magnitude of a curve of `series`, by its name, in its unit; its axis
+                then shows fractions of the limit.  The motion's own curves have limits already.
+            fps: Maximum frames per second to keep.
+            view: Initial view of the page: "three-quarter", "front", "side" or "top", or a `Viewpoint`.
 
         Returns:
             The path of the file.
 
         Raises:
             InvalidValueError: for a motion of another robot, or with NaN or infinity.
-            UnknownNameError: There is no such view.
+            UnknownNameError: for an unknown view.
             FileFormatError: A mesh of the robot cannot be read, or the path cannot be written.
         """
         chosen = self._motion if motion is None else joint_motion(self._pepper, motion)
         curves = chosen.curves if series is None else limited_series(series, limits or {})
         kept, links, drawn = kept_samples(chosen.times, fps), self._drawn_links, self._robot
-        # At the frames alone: poses of every sample would cost most of the time.
+        # Only at the frames: poses of every sample would take most of the time.
         poses = frame_poses(self._pepper, chosen.positions[kept], links)
         if chosen.tilts is not None:
             poses = chosen.tilts[kept][:, None] @ poses
@@ -379,24 +380,24 @@ class Viewer:
         size: tuple[int, int] = (1280, 800),
         view: CameraView | Viewpoint = "three-quarter",
     ) -> Path:
-        """Save a picture (PNG), drawn by a headless Chromium; the same input gives the same pixels.
+        """Save an image (PNG), rendered by a headless Chromium; the same input gives the same pixels.
 
         Args:
-            path: The file to write; it appears when it is whole.
-            motion: As for `save_html`.
+            path: File to write; it appears when it is complete.
+            motion: Motion, of the types of `save_html`; None takes the one that was shown or played last.
             at_time: Time of the motion [s], within it; None takes its start.
             size: Width and height [pixel].
-            view: "three-quarter", "front", "side" or "top", or a `Viewpoint`.
+            view: View: "three-quarter", "front", "side" or "top", or a `Viewpoint`.
 
         Returns:
             The path of the file.
 
         Raises:
             MissingDependencyError: No Chromium is installed.
-            InvalidValueError: As for `save_html`, a time outside the motion, or a size that is not two
-                positive whole numbers.
-            UnknownNameError: There is no such view.
-            InfeasibleError: The browser gave no picture.
+            InvalidValueError: for a motion of another robot, a time outside the motion, or a size that is not
+                two positive whole numbers.
+            UnknownNameError: for an unknown view.
+            InfeasibleError: The browser rendered no image.
             FileFormatError: A mesh of the robot cannot be read, or the path cannot be written.
         """
         if at_time is not None:
@@ -417,34 +418,34 @@ class Viewer:
         view: CameraView | Viewpoint = "three-quarter",
         on_frame: Callable[[int, int], None] = lambda done, total: None,
     ) -> Path:
-        """Save a film (MP4 or GIF), drawn by a headless Chromium; the same input gives the same pixels.
+        """Save a video (MP4 or GIF), rendered by a headless Chromium; the same input gives the same pixels.
 
         Args:
-            path: The file to write, .mp4 or .gif; it appears when it is whole.
-            motion: As for `save_html`.
+            path: File to write, .mp4 or .gif; it appears when it is complete.
+            motion: Motion, of the types of `save_html`; None takes the one that was shown or played last.
             fps: Frames per second, in (0, 240], for .gif at most 50.
             size: Width and height [pixel]; even numbers for .mp4.
-            view: "three-quarter", "front", "side" or "top", or a `Viewpoint`.
-            on_frame: Called with the number of frames done and of all.
+            view: View: "three-quarter", "front", "side" or "top", or a `Viewpoint`.
+            on_frame: Called with the numbers of rendered frames and of all frames.
 
         Returns:
             The path of the file.
 
         Raises:
-            UnknownNameError: There is no such view or suffix.
-            InvalidValueError: As for `save_html`, or an fps or size out of range.
+            UnknownNameError: for an unknown view or suffix.
+            InvalidValueError: for a motion of another robot, or an fps or size out of range.
             MissingDependencyError: No Chromium is installed, or for .mp4 no PyAV.
-            InfeasibleError: The browser gave no picture.
+            InfeasibleError: The browser rendered no image.
             FileFormatError: A mesh of the robot cannot be read, or the path cannot be written.
         """
         check_video(Path(path).suffix.lower(), fps, size, view)
         with tempfile.TemporaryDirectory() as folder:
-            # At least as many poses as frames: what is blended between two lies on the samples' way.
+            # At least as many poses as frames: interpolations between two poses are close to the samples.
             page = self.save_html(Path(folder) / "scene.html", motion, series={}, fps=max(40.0, fps))
             return save_video(page, path, fps=fps, size=size, view=view, on_frame=on_frame)
 
     def close(self) -> None:
-        """End the live page's server, if there is one."""
+        """Stop the live page's server, if there is one."""
         if self._listener is not None:
             self._listener.stop()
             self._listener = None
@@ -453,7 +454,7 @@ class Viewer:
             server.close()
 
     def _live(self) -> ViewerServer:
-        with self._starting:  # threads share one
+        with self._starting:  # all threads share one server
             server = self._server
             if server is None:
                 from pepper_kin.viewer.server import ViewerServer
@@ -464,7 +465,7 @@ class Viewer:
         return server
 
     def _furnish(self, session: LiveSession) -> None:
-        """Give a new session what the viewer shows already."""
+        """Set up a new session with the viewer's robot, scene, targets and posture."""
         for layer in session.available:
             if layer == VISUAL or layer in self._layers:
                 session.show(layer, layer in self._layers)
@@ -478,7 +479,7 @@ class Viewer:
 
 
 def _joined(known: Scene, more: Scene) -> Scene:
-    """Return one scene of two; what the second has replaces what the first has of the same name."""
+    """Join two scenes; objects of the second replace objects of the same name in the first."""
     kept = {name: thing for name, thing in known.objects.items() if name not in more.attached}
     held = {name: thing for name, thing in known.attached.items() if name not in more.objects}
     return Scene({**kept, **more.objects}, {**held, **more.attached}, [*known.allowed, *more.allowed])

@@ -1,6 +1,6 @@
-"""Stand-ins for the modules that NAOqi's scripts import: `naoqi`, `qi`, `almath`, `motion`, ...
+"""Replacements of the modules that NAOqi's scripts import: `naoqi`, `qi`, `almath`, `motion`, ...
 
-They talk to a `Broker` in this process; `pepper_kin.naoqi.scripts` puts them in place while it runs a script.
+They call a `Broker` in this process; `pepper_kin.naoqi.scripts` installs them while it runs a script.
 """
 
 from pepper_kin.naoqi.shims.futures import current_broker, set_broker

@@ -1,4 +1,4 @@
-"""Parts of `almath` beside geometry: maps of cells, and shapes with their visitors."""
+"""Maps of cells, and shapes with their visitors, of `almath`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pepper_kin.naoqi.shims.almath_types import Numbers, Pose2D, Position2D
 
 
 def roundToInt(value: float) -> int:
-    """Return the nearest whole number; halves go away from 0."""
+    """Round to the nearest integer; halves are rounded away from 0."""
     return int(value + 0.5) if value >= 0.0 else int(value - 0.5)
 
 
@@ -23,7 +23,7 @@ class Point2Di:
 
 @dataclass
 class Pose2Di(Point2Di):
-    """A cell of a map, and an angle [rad]; of x, y and the angle, or of a `Point2Di` and the angle."""
+    """A cell of a map and an angle [rad], built from x, y or a `Point2Di`, and the angle."""
 
     theta: float = 0.0
 
@@ -35,13 +35,13 @@ class Pose2Di(Point2Di):
 
 
 class OccupancyMapParams:
-    """Where the cells of a square map are: columns go along x, rows against y.
+    """Geometry of a square map: columns increase along x, rows along -y.
 
     Args:
-        size: Cells of a side.
-        metersPerPixel: Of a cell [m].
-        mapCenter: Where its middle is [m].
-        obstacleThreshold: From which value on a cell is taken.
+        size: Number of cells along a side.
+        metersPerPixel: Side of a cell [m].
+        mapCenter: Position of the map's center [m].
+        obstacleThreshold: Probability from which a cell counts as occupied.
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class OccupancyMapParams:
         self.initOriginOffset(mapCenter)
 
     def initOriginOffset(self, mapCenter: Position2D) -> None:
-        """Place the middle of the map [m]."""
+        """Set the position of the map's center [m]."""
         half = 0.5 * self.size * self.metersPerPixel
         self.originOffset = mapCenter + Position2D(-half, half)
 
@@ -63,7 +63,7 @@ class OccupancyMapParams:
     def getPixelFromOffsetAndScale(
         place: Numbers, metersPerPixel: float, originOffset: Position2D
     ) -> Point2Di:
-        """Return the cell of a pose or position, of a map with its first cell at an offset [m]."""
+        """Return the cell of a pose or position in a map whose first cell is at an offset [m]."""
         x, y = (place.values[:2] - originOffset.values) / metersPerPixel
         return Point2Di(roundToInt(x), roundToInt(-y))
 
@@ -74,15 +74,15 @@ class OccupancyMapParams:
     getPixelFromPosition = getPixelFromPose
 
     def getDeltaPixelFromDeltaPosition(self, way: Position2D) -> Point2Di:
-        """Return how many cells a way [m] leads on."""
+        """Return the number of cells of a displacement [m]."""
         return self.getPixelFromOffsetAndScale(way, self.metersPerPixel, Position2D())
 
     def getPositionFromPixel(self, pixel: Point2Di) -> Position2D:
-        """Return where a cell is [m]."""
+        """Return the position of a cell [m]."""
         return self.originOffset + Position2D(pixel.x, -pixel.y) * self.metersPerPixel
 
     def getPoseFromPixel(self, pixel: Pose2Di) -> Pose2D:
-        """Return where a cell with an angle is."""
+        """Return the pose of a cell with an angle."""
         return Pose2D([*self.getPositionFromPixel(pixel), pixel.theta])
 
     def getObstacleProbabilityThreshold(self) -> float:
@@ -99,16 +99,16 @@ class Shape3D:
             setattr(self, f"get{name}", lambda size=float(size): size)
 
     def accept(self, visitor: Any) -> None:
-        """Show itself to a visitor."""
+        """Call the visitor's `visit` with this shape."""
         visitor.visit(self)
 
 
 class Shape3DVisitor:
-    """What shapes show themselves to; derived classes have `visit`."""
+    """Base class of visitors of shapes; derived classes have `visit`."""
 
 
 class NotImplementedShape3DVisitor(Shape3DVisitor):
-    """A visitor of no shape."""
+    """A visitor that raises RuntimeError for every shape."""
 
     def __init__(self, msg: str = "not implemented") -> None:
         self.message = msg

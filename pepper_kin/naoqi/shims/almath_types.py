@@ -1,6 +1,6 @@
 """The types of `almath`: positions, velocities, poses, quaternions, rotations, transforms and maps.
 
-Numbers have double precision, the robot's single. Positions are in m, angles in rad.
+Numbers have double precision (on the robot single). Positions are in m, angles in rad.
 """
 
 from __future__ import annotations
@@ -18,24 +18,24 @@ from pepper_kin.model import rotation_from_rpy
 from pepper_kin.model.poses import quaternions_of, rpy_of
 
 SPACE = ("x", "y", "z", "wx", "wy", "wz")
-"""Numbers of a place in space: x, y, z [m], and rotations Rz(wz) Ry(wy) Rx(wx) [rad]."""
+"""Components of a 6D pose: x, y, z [m], and rotations Rz(wz) Ry(wy) Rx(wx) [rad]."""
 
 
 class vectorFloat(list[Any]):
-    """A list, of numbers or of another type, with two methods of C++'s vectors."""
+    """A list with two methods of C++'s vectors."""
 
     push_back, size = list.append, list.__len__
 
 
 class Numbers:
-    """Some named numbers that add up and scale.
+    """A vector of named numbers, with addition and scaling.
 
     Attributes:
-        names: Of the numbers.
-        start: Their values before any is given.
-        counted: Which of them make the norm.
-        apart: Which of them make the distance.
-        shortest: The norm that can be made 1.
+        names: Names of the numbers.
+        start: Default values.
+        counted: Numbers that count for the norm.
+        apart: Numbers that count for the distance.
+        shortest: Minimum norm that can be normalized.
     """
 
     names: ClassVar[tuple[str, ...]] = ()
@@ -61,31 +61,31 @@ class Numbers:
             print(f"ALMath: WARNING: {message}, and keeps its default", file=sys.stderr)
 
     def _take(self, given: list[float], listed: bool) -> bool:
-        """Take as many numbers as there are, or one for all, or none; return whether it is one of these."""
+        """Set all numbers from a full list, one number for all, or none; return whether the count fits."""
         fits = len(given) == len(self.names) or (not listed and len(given) in (0, 1))
         if fits and given:
             self.values[:] = given
         return fits
 
     def of(self, values: Any) -> Self:
-        """Return another one of this type."""
+        """Return a new object of this type with other values."""
         other = type(self)()
         other.values[:] = values
         return other
 
     def become(self, other: Numbers) -> Self:
-        """Take the numbers of another one of this type."""
+        """Copy the numbers of another object of this type."""
         give(self, other)
         return self
 
     @classmethod
     def of_matrix(cls, matrix: Array) -> Self:
-        """Return what this type has of a pose, shape (4, 4)."""
+        """Return this type's numbers of a pose, shape (4, 4)."""
         found = dict(zip(SPACE, [*matrix[:3, 3], *rpy_of(matrix[:3, :3])], strict=True))
         return cls([found["wz" if name == "theta" else name] for name in cls.names])
 
     def to_matrix(self) -> Array:
-        """Return the pose, shape (4, 4); what this type does not have of one is zero."""
+        """Return the pose, shape (4, 4); numbers that this type does not have are zero."""
         found, matrix = self.in_space(), np.eye(4)
         matrix[:3, 3] = [found[name] for name in SPACE[:3]]
         matrix[:3, :3] = rotation_from_rpy([found[name] for name in SPACE[3:]])
@@ -154,15 +154,15 @@ class Numbers:
         return f"{type(self).__name__}({', '.join(f'{name}={value:g}' for name, value in self._items())})"
 
     def isNear(self, other: Numbers, epsilon: float = 1e-4) -> bool:
-        """Return whether each number is near to that of another."""
+        """Return whether each number differs by at most epsilon from the other object's."""
         return bool(np.abs(self.values - other.values).max() <= epsilon)
 
     def norm(self) -> float:
-        """Return the length."""
+        """Return the norm."""
         return float(np.linalg.norm(self.values[self.counted]))
 
     def normalize(self) -> Self:
-        """Return this with a length of 1."""
+        """Return a copy with norm 1."""
         length, other = self.norm(), +self
         if length < self.shortest:
             raise RuntimeError(f"{type(self).__name__}: normalize of a length of {length:g}")
@@ -191,10 +191,10 @@ def _write(place: int, of: Numbers, value: float) -> None:
 
 
 def give(target: Any, result: Any) -> None:
-    """Give an object the numbers of another one of its type, or a list those of any.
+    """Copy a result into an object of its type, or into a list.
 
     Raises:
-        TypeError: if it has another type, or is a number.
+        TypeError: if the target has another type, or is a number.
     """
     if isinstance(target, list):
         target[:] = result
@@ -211,14 +211,14 @@ def skew(vector: Iterable[float]) -> Array:
 
 
 def rotation_of_vector(vector: Iterable[float]) -> Array:
-    """Return the rotation about a vector by its length [rad], shape (3, 3) (Rodrigues)."""
+    """Return the rotation matrix of a rotation vector [rad], shape (3, 3) (Rodrigues)."""
     k = skew(vector)
     turns = math.sqrt(float(np.sum(k * k)) / 2.0) / math.pi
     return np.eye(3) + np.sinc(turns) * k + 0.5 * np.sinc(turns / 2.0) ** 2 * k @ k
 
 
 class Position2D(Numbers, names="x y"):
-    """x, y [m]."""
+    """A position x, y [m]."""
 
     def crossProduct(self, other: Position2D) -> float:
         """Return x1 y2 - y1 x2."""
@@ -230,15 +230,15 @@ class Position2D(Numbers, names="x y"):
 
     @classmethod
     def fromPolarCoordinates(cls, radius: float, angle: float) -> Self:
-        """Return the position at a distance [m] in a direction [rad]; a pose is turned to it."""
+        """Return the position at a distance [m] in a direction [rad], which is a pose's angle, too."""
         return cls([radius * math.cos(angle), radius * math.sin(angle), angle][: len(cls.names)])
 
 
 class Position3D(Numbers, names="x y z"):
-    """x, y, z [m]."""
+    """A position x, y, z [m]."""
 
     def crossProduct(self, other: Position3D) -> Position3D:
-        """Return the vector product."""
+        """Return the cross product."""
         return Position3D(np.cross(self.values, other.values))
 
     def isUnitVector(self, epsilon: float = 1e-4) -> bool:
@@ -255,7 +255,7 @@ class Rotation3D(Numbers, names="wx wy wz"):
 
 
 class Position6D(Numbers, names=" ".join(SPACE)):
-    """x, y, z [m] and rotations about x, y, z [rad]; the distance is that of the positions."""
+    """A pose x, y, z [m], and rotations about x, y, z [rad]; the distance is between the positions."""
 
     apart = slice(3)
 
@@ -265,7 +265,7 @@ class Velocity3D(Numbers, names="xd yd zd"):
 
 
 class Velocity6D(Numbers, names="xd yd zd wxd wyd wzd"):
-    """Velocities along x, y, z [m/s] and about them [rad/s]."""
+    """Linear velocity along [m/s] and angular velocity about x, y, z [rad/s]."""
 
 
 class PositionAndVelocity(Numbers, names="q dq"):
@@ -273,7 +273,7 @@ class PositionAndVelocity(Numbers, names="q dq"):
 
 
 class Pose2D(Position2D, names="x y theta"):
-    """x, y [m] and theta [rad] in the plane; products chain; norm and distance are those of x, y."""
+    """A planar pose x, y [m], theta [rad]; products compose; norm and distance are of x, y."""
 
     counted = apart = slice(2)
     shortest = 1e-4
@@ -291,12 +291,12 @@ class Pose2D(Position2D, names="x y theta"):
         return Pose2D(0.0, 0.0, -theta) * Pose2D(-x, -y, 0.0)
 
     def diff(self, other: Pose2D) -> Pose2D:
-        """Return where another pose is as seen from this."""
+        """Return another pose in the frame of this one."""
         return self.inverse() * other
 
 
 class Quaternion(Numbers, names="w x y z", start=np.eye(1, 4)):
-    """w, x, y, z; q and -q are the same rotation."""
+    """A unit quaternion w, x, y, z; q and -q are the same rotation."""
 
     @classmethod
     def of_matrix(cls, matrix: Array) -> Self:
@@ -317,7 +317,7 @@ class Quaternion(Numbers, names="w x y z", start=np.eye(1, 4)):
         return Quaternion([w * v - a @ b, *(w * b + v * a + np.cross(a, b))])
 
     def isNear(self, other: Numbers, epsilon: float = 1e-4) -> bool:
-        """Return whether each number, or each negated, is near to that of another."""
+        """Return whether each number of q or of -q differs by at most epsilon from the other's."""
         return super().isNear(other, epsilon) or super().isNear(-other, epsilon)
 
     def inverse(self) -> Quaternion:
@@ -332,7 +332,7 @@ class Quaternion(Numbers, names="w x y z", start=np.eye(1, 4)):
 
 
 class Matrix(Numbers):
-    """A rotation with or without a translation; `r1_c2` is row 1, column 2."""
+    """A rotation matrix with or without a translation; `r1_c2` is row 1, column 2."""
 
     columns: ClassVar[int] = 0
 
@@ -370,7 +370,7 @@ class Matrix(Numbers):
         return float(np.linalg.det(self.to_matrix()[:3, :3]))
 
     def is_rotation(self, epsilon: float = 1e-4) -> bool:
-        """Return whether the rotation is one."""
+        """Return whether the rotation part is a rotation matrix."""
         turn = self.to_matrix()[:3, :3]
         return (
             bool(np.abs(turn.T @ turn - np.eye(3)).max() <= epsilon)
@@ -378,7 +378,7 @@ class Matrix(Numbers):
         )
 
     def make_rotation(self) -> None:
-        """Make a rotation of what nearly is one: z keeps its direction, x is normal to y and z."""
+        """Orthonormalize the rotation part: z keeps its direction, x is normal to y and z."""
         matrix = self.to_matrix()
         _, y, z = matrix[:3, :3].T
         x = np.cross(y, z)
@@ -403,12 +403,12 @@ class Matrix(Numbers):
 
 
 def cells(columns: int) -> str:
-    """Return the names of three rows of numbers."""
+    """Return the names of a matrix's numbers, three rows."""
     return " ".join(f"r{row}_c{column + 1}" for row in (1, 2, 3) for column in range(columns))
 
 
 class Rotation(Matrix, names=cells(3), start=np.eye(3)):
-    """A rotation matrix; also of a list of the 12 or 16 numbers of a transform."""
+    """A rotation matrix, also built from the 12 or 16 numbers of a transform."""
 
     columns = 3
     isRotation, normalizeRotation, transpose = Matrix.is_rotation, Matrix.make_rotation, Matrix.inverse
@@ -435,7 +435,7 @@ class Rotation(Matrix, names=cells(3), start=np.eye(3)):
 
 
 class Transform(Matrix, names=cells(4), start=np.eye(3, 4)):
-    """A rotation and a translation, of x, y, z [m] or of a list of 12 or 16 numbers; its norm is in m."""
+    """A transform, from x, y, z [m] or a list of 12 or 16 numbers; its norm is the length of x, y, z."""
 
     columns = 4
     counted = apart = slice(3, None, 4)
@@ -454,19 +454,19 @@ class Transform(Matrix, names=cells(4), start=np.eye(3, 4)):
         return iter(self.to_matrix().ravel().tolist())
 
     def diff(self, other: Transform) -> Transform:
-        """Return where another transform is as seen from this."""
+        """Return another transform in the frame of this one."""
         return self.inverse() * other
 
     @classmethod
     def fromPosition(cls, x: float, y: float, z: float, *rotations: float) -> Self:
-        """Return the transform of a position [m], and three rotations [rad]."""
+        """Return the transform of a position [m] and, optionally, three rotations [rad]."""
         result = cls.from3DRotation(*rotations) if rotations else cls()
         result.values[cls.apart] = (x, y, z)
         return result
 
 
 class Pair:
-    """Two of the other types, by their letters."""
+    """A pair of other types, with attributes of one letter."""
 
     kinds: ClassVar[dict[str, type[Numbers]]] = {}
 
@@ -475,7 +475,7 @@ class Pair:
             setattr(self, name, part)
 
     def isNear(self, other: Pair, epsilon: float = 1e-4) -> bool:
-        """Return whether both are near to those of another."""
+        """Return whether both parts differ by at most epsilon from the other pair's."""
         return all(getattr(self, name).isNear(getattr(other, name), epsilon) for name in self.kinds)
 
     def __repr__(self) -> str:
@@ -489,7 +489,7 @@ class TransformAndVelocity6D(Pair):
 
 
 class Displacement(Pair):
-    """A position P and a quaternion Q; products chain."""
+    """A position P and a quaternion Q; products compose."""
 
     kinds: ClassVar = {"P": Position3D, "Q": Quaternion}
     P: Position3D
@@ -509,7 +509,7 @@ class Displacement(Pair):
 
 
 def _about(axis: str, angle: float | None = None) -> Any:
-    """Return `fromRotX` and its kin, by an angle [rad] of the call or given here."""
+    """Return a class method as `fromRotX`, with the angle [rad] of the call or a fixed one."""
 
     def turn(cls: type[Matrix], *turned: float) -> Matrix:
         by = turned[0] if angle is None else angle

@@ -1,4 +1,4 @@
-"""Futures, promises, strands and calls beside the caller, as libqi has them."""
+"""Futures, promises, strands and asynchronous calls of libqi."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ _CANCELED = "Future canceled."
 
 
 def set_broker(broker: Broker | None) -> None:
-    """Say which simulated robot the scripts of this process talk to."""
+    """Set the simulated robot of this process's scripts."""
     _BROKER[:] = [] if broker is None else [broker]
 
 
 def current_broker() -> Broker:
-    """Return the simulated robot that scripts talk to.
+    """Return the simulated robot of this process's scripts.
 
     Raises:
-        NaoqiError: where there is none.
+        NaoqiError: if none is set.
     """
     if not _BROKER:
         raise NaoqiError(
@@ -36,7 +36,7 @@ def current_broker() -> Broker:
 
 
 def in_strand(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a function that waits while another method of its `singleThreaded` object runs."""
+    """Return a function that excludes other methods of its object, if that is `singleThreaded`."""
     inner, first = function, None
     while isinstance(inner, functools.partial):
         first = inner.args[0] if inner.args else first
@@ -60,7 +60,7 @@ class FutureState:
 
 
 class Future:
-    """The result of a call that runs beside the caller, or a value that is there."""
+    """The result of an asynchronous call, or a value that is known already."""
 
     def __init__(self, *value: Any) -> None:
         self._changed = threading.Condition()
@@ -73,7 +73,7 @@ class Future:
             self.settle(value[0])
 
     def wait(self, timeout: int = -1) -> int:
-        """Wait for the result [ms], for ever if negative; return the state."""
+        """Wait for the result, at most `timeout` [ms], for ever if negative; return the state."""
         clock = current_broker().body.time
         if clock.works and not clock.real_time:
             clock.wait_until(self.isFinished, None if timeout < 0 else timeout / 1000.0)
@@ -98,7 +98,7 @@ class Future:
         return self._value
 
     def hasValue(self, timeout: int = -1) -> bool:
-        """Return whether there is a result."""
+        """Return whether the call returned a value."""
         return self.wait(timeout) == FutureState.FinishedWithValue
 
     def hasError(self, timeout: int = -1) -> bool:
@@ -113,36 +113,36 @@ class Future:
         return str(error or "") if plain else f"{type(error).__name__}: {error}"
 
     def isFinished(self) -> bool:
-        """Return whether the call is over."""
+        """Return whether the call has ended."""
         return self._state != FutureState.Running
 
     def isRunning(self) -> bool:
-        """Return whether the call goes on."""
+        """Return whether the call is running."""
         return self._state == FutureState.Running
 
     def isCanceled(self) -> bool:
-        """Return whether it was cancelled."""
+        """Return whether the call was canceled."""
         return self._state == FutureState.Canceled
 
     def isCancelable(self) -> bool:
-        """Return whether it can be cancelled."""
+        """Return whether the call can be canceled."""
         return self.on_cancel is not None
 
     def isCancelRequested(self) -> bool:
-        """Return whether somebody asked to cancel it."""
+        """Return whether `cancel` was called."""
         return self._asked_to_cancel
 
     def cancel(self) -> None:
-        """Ask whoever makes the result to end: motion tasks of a call end now."""
+        """Request the end of the call; its motion tasks end now."""
         if not self.isRunning():
             return
         self._asked_to_cancel = True
         if self.on_cancel is not None:
-            with contextlib.suppress(Exception):  # libqi logs what such a function raises
+            with contextlib.suppress(Exception):  # libqi only logs the errors of this function
                 self.on_cancel()
 
     def addCallback(self, callback: Callable[[Future], Any]) -> None:
-        """Call a function with this future when it is over; what it raises is lost."""
+        """Call a function with this future when it has ended; the function's errors are dropped."""
         alone = in_strand(callback)
         with self._changed:
             if self.isRunning():
@@ -157,7 +157,7 @@ class Future:
             callback(self)
 
     def _after(self, settle: Callable[[Future, Future], None]) -> Future:
-        """Return a future that a function settles when this one is over; to cancel it asks this one."""
+        """Return a future that a function settles when this one has ended; cancel requests go to this one."""
         after = Future()
         after.on_cancel = self.cancel
 
@@ -171,17 +171,17 @@ class Future:
         return after
 
     def then(self, callback: Callable[[Future], Any]) -> Future:
-        """Return the future of a function that is called with this one when it is over."""
+        """Return the future of a function that is called with this future when it has ended."""
         alone = in_strand(callback)
         return self._after(lambda one, after: after.settle(alone(one)))
 
     def andThen(self, callback: Callable[[Any], Any]) -> Future:
-        """Return the future of a function that is called with the value."""
+        """Return the future of a function that is called with the value of this future."""
         alone = in_strand(callback)
         return self._after(lambda one, after: after.follow(one, alone))
 
     def unwrap(self) -> Future:
-        """Return the future of the value of the future that is this one's value."""
+        """Return the future of the inner value, if this future's value is a future."""
 
         def inner(one: Future, after: Future) -> None:
             if not one.hasValue(0):
@@ -197,7 +197,7 @@ class Future:
         return self._after(inner)
 
     def follow(self, other: Future, change: Callable[[Any], Any] = lambda value: value) -> None:
-        """End as another future has ended, with its value changed."""
+        """Settle this future as another one has ended, with its value mapped by `change`."""
         if other.isCanceled():
             self.settle(state=FutureState.Canceled)
         elif other._error is not None:
@@ -206,10 +206,10 @@ class Future:
             self.settle(change(other._value))
 
     def settle(self, value: Any = None, error: BaseException | None = None, state: int | None = None) -> None:
-        """End it, with a value, an error or a state.
+        """Settle the future with a value, an error or a state.
 
         Raises:
-            RuntimeError: where it is over.
+            RuntimeError: if it has ended before.
         """
         with self._changed:
             if not self.isRunning():
@@ -224,10 +224,10 @@ class Future:
 
 
 class Promise:
-    """A future that somebody else fulfils.
+    """A future that the holder of the promise settles.
 
     Args:
-        on_cancel: Called with this promise when somebody asks to cancel it.
+        on_cancel: Called with this promise when its future is to be canceled.
     """
 
     def __init__(self, on_cancel: Callable[[Promise], Any] | None = None) -> None:
@@ -235,21 +235,21 @@ class Promise:
         self._future.on_cancel = (lambda: None) if on_cancel is None else (lambda: on_cancel(self))
 
     def setValue(self, value: Any) -> None:
-        """Fulfil it."""
+        """Settle the future with a value."""
         self._future.settle(value)
 
     def setError(self, error: str) -> None:
-        """Let it fail."""
+        """Settle the future with an error."""
         failure = RuntimeError(error)
         failure.said = True  # type: ignore[attr-defined]
         self._future.settle(None, failure)
 
     def setCanceled(self) -> None:
-        """Cancel it."""
+        """Settle the future as canceled."""
         self._future.settle(state=FutureState.Canceled)
 
     def isCancelRequested(self) -> bool:
-        """Return whether somebody asked to cancel it."""
+        """Return whether `cancel` of the future was called."""
         return self._future.isCancelRequested()
 
     def future(self) -> Future:
@@ -258,7 +258,7 @@ class Promise:
 
 
 def futureBarrier(futures: Iterable[Future]) -> Future:
-    """Return the future of the list of these futures, once all are over."""
+    """Return a future of the list of futures, settled when all have ended."""
     every = list(futures)
     left, lock, barrier = [len(every)], threading.Lock(), Future()
 
@@ -281,9 +281,9 @@ def futureBarrier(futures: Iterable[Future]) -> Future:
 
 
 def run_async(function: Callable[..., Any], *arguments: Any, delay: float = 0.0, **named: Any) -> Future:
-    """Call a function beside the caller, after a delay [us]; return its future.
+    """Call a function asynchronously, after a delay [us]; return its future.
 
-    To cancel it before it begins keeps it from that, afterwards ends its motion tasks.
+    Canceled before its start, the function is not called; later its motion tasks end.
     """
     future, body, alone = Future(), current_broker().body, in_strand(function)
     order, begun = body.tasks.new_call(), threading.Event()
@@ -308,7 +308,7 @@ def run_async(function: Callable[..., Any], *arguments: Any, delay: float = 0.0,
         with body.time.lock:
             order.ticket = -1
             body.tasks.kill([task for task in body.tasks if task.thread == thread.ident], body)
-        if not begun.is_set():  # without the lock: what follows may wait for a strand, which waits for it
+        if not begun.is_set():  # without the lock: callbacks may wait for a strand that waits for it
             future.settle(state=FutureState.Canceled)
 
     future.on_cancel = cancel

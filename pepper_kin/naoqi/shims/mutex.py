@@ -1,4 +1,4 @@
-"""The module `mutex` of Python 2: functions that are called one after another."""
+"""The module `mutex` of Python 2: a queue of functions."""
 
 from __future__ import annotations
 
@@ -10,30 +10,30 @@ __all__ = ["mutex"]
 
 
 class mutex:
-    """Calls functions in the order in which they came, the next one at each `unlock`."""
+    """A lock with a queue of functions; each `unlock` calls the next one."""
 
     def __init__(self) -> None:
         self._locked = False
         self._waiting: deque[tuple[Callable[[Any], Any], Any]] = deque()
 
     def test(self) -> bool:
-        """Return whether it is locked."""
+        """Return whether the mutex is locked."""
         return self._locked
 
     def testandset(self) -> bool:
-        """Lock it; return whether it was not locked."""
+        """Lock the mutex; return whether it was unlocked before."""
         free, self._locked = not self._locked, True
         return free
 
     def lock(self, function: Callable[[Any], Any], argument: Any) -> None:
-        """Call a function now, or when those before it have unlocked."""
+        """Call a function now if unlocked, else queue it."""
         if self.testandset():
             function(argument)
         else:
             self._waiting.append((function, argument))
 
     def unlock(self) -> None:
-        """Call the next function that waits; unlock where none does."""
+        """Call the next queued function; unlock if there is none."""
         if self._waiting:
             function, argument = self._waiting.popleft()
             function(argument)

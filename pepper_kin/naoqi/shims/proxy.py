@@ -13,11 +13,11 @@ from pepper_kin.naoqi.module import Module
 from pepper_kin.naoqi.shims.futures import Future, current_broker, in_strand, run_async
 
 CALL = 0.001
-"""Time that a call takes [s]."""
+"""Simulated time that a call takes [s]."""
 
 
 class Proxy:
-    """A module as a script sees it: `_async=True` returns a future; other names are calls.
+    """Proxy of a module for scripts: attributes are the module's methods; `_async=True` returns a future.
 
     Args:
         module: A module of the broker, or one that a script registered.
@@ -44,7 +44,7 @@ class Proxy:
         return call
 
     def _bound(self, name: str) -> Any:
-        """Return what a service of a script offers by a name: `qi.bind` renames, `qi.nobind` hides."""
+        """Return a script service's attribute by its name of `qi.bind`, unless `qi.nobind` hides it."""
         names = {}
         for own, value in inspect.getmembers(self._module):
             if getattr(value, "__qi_name__", own) is not None and not own.startswith("__"):
@@ -58,12 +58,12 @@ class Proxy:
         return getattr(self, method)(*arguments, **named)
 
     def metaObject(self) -> dict[str, Any]:
-        """Return the methods."""
+        """Return the methods of the module."""
         return {"methods": {name: {"name": name} for name in self._module.getMethodList()}}
 
 
 def _as_sent(value: Any) -> Any:
-    """Return an argument as it comes over the wire: sets as tuples, byte arrays as strings."""
+    """Convert an argument as libqi's messages do: sets to tuples, byte arrays to strings."""
     if isinstance(value, set | frozenset):
         return tuple(map(_as_sent, value))
     if isinstance(value, memoryview):
@@ -72,14 +72,14 @@ def _as_sent(value: Any) -> Any:
 
 
 def _own_value(value: Any) -> Any:
-    """Return the value of a future, by which a call's result may be promised, or of a future of one."""
+    """Return a call's result; for a future, or a future of a future, wait for its value."""
     if isinstance(value, Future) and isinstance(value.value(), Future):
         value = value.value()
     return value.value() if isinstance(value, Future) else value
 
 
 class Post:
-    """`proxy.post`: calls return the number of a task at once.
+    """`proxy.post`: asynchronous calls that return their number at once.
 
     Args:
         module: A module of the broker.
@@ -101,7 +101,7 @@ def find_module(name: str) -> Any:
     """Return a module by its name.
 
     Raises:
-        RuntimeError: for a module that there is not, as libqi says it.
+        RuntimeError: for an unknown module, with libqi's message.
     """
     try:
         return current_broker().module(name)

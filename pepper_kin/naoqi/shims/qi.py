@@ -54,13 +54,13 @@ URL = "tcp://127.0.0.1:9559"
 
 
 class Type:
-    """A type of libqi, by its signature; without arguments it is its own value: `qi.Int8() == qi.Int8`."""
+    """A type of libqi, by its signature; a call without arguments returns itself: `qi.Int8() == qi.Int8`."""
 
     def __init__(self, signature: str) -> None:
         self.signature = signature
 
     def __call__(self, *inner: Type) -> Type:
-        """Return the type of a container of others."""
+        """Return the type of a container of types."""
         return Type(self.signature + "".join(one.signature for one in inner)) if inner else self
 
     def __eq__(self, other: object) -> bool:
@@ -83,7 +83,7 @@ globals().update({name: Type(signature) for name, signature in _TYPES.items()})
 
 
 def typeof(value: Any) -> Type:
-    """Return the type of a value: that of a proxy is Object, of others Dynamic."""
+    """Return the type of a value: Object for a proxy, Dynamic for any other."""
     return Type("o" if builtins.isinstance(value, Proxy) else "m")
 
 
@@ -93,10 +93,10 @@ def isinstance(value: Any, kind: Type) -> bool:
 
 
 class Signal(memory.MemorySignal):
-    """A signal whose functions wait for others of their object, where that is `singleThreaded`."""
+    """A signal whose functions exclude other methods of their `singleThreaded` object."""
 
     def connect(self, callback: Callable[..., Any], *arguments: Any, **named: Any) -> int:
-        """Call a function whenever the signal is emitted; return its number."""
+        """Connect a function, which is called whenever the signal is emitted; return its number."""
         return super().connect(in_strand(callback), *arguments, **named)
 
     addCallback = connect
@@ -106,8 +106,8 @@ class Property(Signal):
     """A value with a signal.
 
     Args:
-        signature: Of its values: "i", "s", "[f]", "{si}", "(ii)", or "+s" for one that may be None.
-        on_subscribers: See `Signal`.
+        signature: Type of the values: "i", "s", "[f]", "{si}", "(ii)", or "+s" for values that may be None.
+        on_subscribers: Called with True after the first connection, False after the last.
     """
 
     def __init__(self, signature: str = "m", *on_subscribers: Any) -> None:
@@ -117,7 +117,7 @@ class Property(Signal):
         self._value: Any = None if kind is None else kind()
 
     def value(self) -> Any:
-        """Return the value."""
+        """Return the present value."""
         return self._value
 
     def setValue(self, value: Any) -> None:
@@ -141,13 +141,13 @@ _KINDS: dict[str, Any] = dict.fromkeys("cCwWiIlL", int) | {
 
 
 class Strand:
-    """Calls one after another."""
+    """A queue that executes its calls one at a time."""
 
     def __init__(self) -> None:
         self._lock = threading.RLock()
 
     def async_(self, function: Callable[..., Any], *arguments: Any, delay: float = 0.0) -> Future:
-        """Call a function beside the caller, when no other call of this strand runs, after a delay [us]."""
+        """Call a function asynchronously, after a delay [us], when no other call of this strand runs."""
 
         def alone() -> Any:
             with self._lock:
@@ -157,7 +157,7 @@ class Strand:
 
 
 class Session:
-    """A session with the twin, whatever address is named."""
+    """A session with the twin; addresses are ignored."""
 
     def __init__(self, *_: Any) -> None:
         self._connected, self._own = False, dict[int, str]()
@@ -165,14 +165,14 @@ class Session:
         self.serviceRegistered, self.serviceUnregistered = _REGISTERED, _UNREGISTERED
 
     def connect(self, *_: Any, _async: bool = False, **__: Any) -> Any:
-        """Connect."""
+        """Connect to the twin."""
         current_broker()
         self._connected = True
         self.connected()
         return Future(None) if _async else None
 
     def close(self, *_: Any, _async: bool = False, **__: Any) -> Any:
-        """Disconnect; services that it registered end."""
+        """Disconnect, and unregister the session's services."""
         if self._connected:
             self._connected = False
             self.disconnected("closed")
@@ -181,7 +181,7 @@ class Session:
         return Future(None) if _async else None
 
     def isConnected(self) -> bool:
-        """Return whether it is connected."""
+        """Return whether the session is connected."""
         return self._connected
 
     def url(self) -> str:
@@ -193,7 +193,7 @@ class Session:
         return [URL]
 
     def service(self, name: str, *_: Any, _async: bool = False) -> Any:
-        """Return a module."""
+        """Return a proxy of a module."""
 
         def find() -> Proxy:
             return Proxy(self if name == "ServiceDirectory" else find_module(name))
@@ -201,10 +201,10 @@ class Session:
         return run_async(find) if _async else find()
 
     def waitForService(self, name: str, timeout: int = 300_000, *_: Any, _async: bool = False) -> Any:
-        """Return once there is a module, or after a time [ms].
+        """Wait until a module is registered, at most a timeout [ms].
 
         Raises:
-            RuntimeError: where there is none by then.
+            RuntimeError: if it is not registered by then.
         """
         futures: list[Future] = []
 
@@ -219,14 +219,14 @@ class Session:
         return futures[0] if futures else wait()
 
     def services(self, *_: Any) -> list[dict[str, Any]]:
-        """Return the modules."""
+        """Return name and number of every module."""
         return [{"name": name, "serviceId": k + 1} for k, name in enumerate(current_broker().module_names)]
 
     def registerService(self, name: str, service: Any, *_: Any) -> int:
         """Register a module of the script; return its number.
 
         Raises:
-            RuntimeError: for a method without `self`, or types that are none.
+            RuntimeError: for a method without `self`, or invalid types.
         """
         for method_name, method in inspect.getmembers(type(service), inspect.isfunction):
             static = builtins.isinstance(inspect.getattr_static(type(service), method_name), staticmethod)
@@ -243,7 +243,7 @@ class Session:
         return number
 
     def unregisterService(self, number: int) -> None:
-        """End a service that the script registered."""
+        """Unregister a service that the session registered."""
         name = self._own.pop(number, None)
         if name is None:
             raise RuntimeError(f"no service of this session has the number {number}")
@@ -251,11 +251,11 @@ class Session:
         _UNREGISTERED(number, name)
 
     def listenStandalone(self, *_: Any, **__: Any) -> None:
-        """Connect: others connect to `pepper-kin naoqi`."""
+        """Connect to the twin; other processes connect to `pepper-kin naoqi`."""
         self.connect()
 
     def loadServiceRename(self, name: str, *_: Any) -> None:
-        """Refuse by name, as `module` does."""
+        """Raise RuntimeError: libqi's modules are compiled for the robot."""
         module(name)
 
 
@@ -276,12 +276,12 @@ class Application:
         self.url = named[-1] if named else url or URL
 
     def start(self) -> None:
-        """Connect."""
+        """Connect the session."""
         if not self.session.isConnected():
             self.session.connect(self.url)
 
     def run(self) -> None:
-        """Let time pass until `stop`."""
+        """Run until `stop` is called."""
         self.start()
         clock, self._runs = current_broker().body.time, True
         while self._at_run:
@@ -296,7 +296,7 @@ class Application:
         self._ended.set()
 
     def atRun(self, callback: Callable[[], Any]) -> None:
-        """Call a function when it runs, at once where it does."""
+        """Call a function when `run` starts, or at once if it runs."""
         if self._runs:
             callback()
         else:
@@ -311,7 +311,7 @@ ApplicationSession = Application
 
 
 class PeriodicTask:
-    """A function that is called again and again."""
+    """A function that is called periodically."""
 
     def __init__(self) -> None:
         self._period, self._callback = 1.0, lambda: None
@@ -319,21 +319,21 @@ class PeriodicTask:
         self._ended = threading.Event()
 
     def setCallback(self, callback: Callable[[], Any]) -> None:
-        """Set the function."""
+        """Set the function to call."""
         self._callback = in_strand(callback)
 
     def setUsPeriod(self, period: float) -> None:
-        """Set the time between two calls [us]."""
+        """Set the pause between two calls [us]."""
         self._period = period / 1e6
 
     def setName(self, name: str) -> None:
-        """Accept a name."""
+        """Accept a name, without effect."""
 
     def compensateCallbackTime(self, compensate: bool) -> None:
-        """Accept."""
+        """Accept the setting, without effect."""
 
     def start(self, immediate: bool = True) -> None:
-        """Begin."""
+        """Start the calls."""
         self._ended.clear()
 
         def run() -> None:
@@ -348,20 +348,20 @@ class PeriodicTask:
         self._thread.start()
 
     def stop(self) -> None:
-        """End."""
+        """Stop the calls."""
         self._ended.set()
 
     def asyncStop(self) -> None:
-        """End."""
+        """Stop the calls."""
         self._ended.set()
 
     def isRunning(self) -> bool:
-        """Return whether it goes on."""
+        """Return whether the calls go on."""
         return self._thread is not None and self._thread.is_alive() and not self._ended.is_set()
 
 
 def runAsync(function: Callable[..., Any], *arguments: Any, **named: Any) -> Future:
-    """Call a function beside the caller."""
+    """Call a function asynchronously; return its future."""
     return run_async(function, *arguments, **named)
 
 
@@ -371,7 +371,7 @@ info, verbose, debug = logging.info, logging.verbose, logging.debug
 
 
 def bind(returns: Any = None, parameters: Any = None, name: str | None = None) -> Callable[[Any], Any]:
-    """Return a decorator that gives a method another name; its types are looked at when it is registered."""
+    """Return a decorator that renames a method; its types are checked when its service is registered."""
 
     def named(method: Any) -> Any:
         if name is not None:
@@ -383,7 +383,7 @@ def bind(returns: Any = None, parameters: Any = None, name: str | None = None) -
 
 
 def nobind(method: Any) -> Any:
-    """Hide a method from those who use the service."""
+    """Hide a method from the clients of its service."""
     method.__qi_name__ = None
     return method
 
@@ -403,7 +403,7 @@ multiThreaded, singleThreaded = _threading("multi"), _threading("single")
 
 
 def module(name: str) -> Any:
-    """Refuse by name: modules of libqi are compiled for the robot.
+    """Raise RuntimeError: libqi's modules are compiled for the robot.
 
     Raises:
         RuntimeError: always.
@@ -412,7 +412,7 @@ def module(name: str) -> Any:
 
 
 def clockNow() -> int:
-    """Return the time of the twin [ns]."""
+    """Return the simulated time [ns]."""
     return int(current_broker().body.time.now * 1e9)
 
 
@@ -420,9 +420,9 @@ systemClockNow = steadyClockNow = clockNow
 
 
 def sleep(seconds: float) -> None:
-    """Let time pass [s]."""
+    """Wait for a simulated time [s]."""
     current_broker().body.time.sleep(seconds)
 
 
 def listen(*_: Any) -> None:
-    """Accept."""
+    """Accept the call, without effect."""

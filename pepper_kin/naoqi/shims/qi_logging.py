@@ -1,4 +1,4 @@
-"""The module `qi.logging` of Python scripts: messages of a category, kept in the twin's log."""
+"""The module `qi.logging` of Python scripts: messages by category, in the twin's log."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _LEVELS: dict[str, int] = {"*": INFO}
 
 
 class Logger:
-    """Messages of a category."""
+    """Logger of a category."""
 
     def __init__(self, category: str = "") -> None:
         self._category = category
@@ -23,7 +23,7 @@ class Logger:
             current_broker().log(f"{self._category}: {' '.join(map(str, (text, *arguments)))}")
 
     def fatal(self, text: Any, *arguments: Any) -> None:
-        """Log a message of this level, as the others do."""
+        """Log a fatal error."""
         self._log(FATAL, text, arguments)
 
     def error(self, text: Any, *arguments: Any) -> None:
@@ -35,7 +35,7 @@ class Logger:
         self._log(WARNING, text, arguments)
 
     def info(self, text: Any, *arguments: Any) -> None:
-        """Log what goes on."""
+        """Log an information."""
         self._log(INFO, text, arguments)
 
     def verbose(self, text: Any, *arguments: Any) -> None:
@@ -43,17 +43,17 @@ class Logger:
         self._log(VERBOSE, text, arguments)
 
     def debug(self, text: Any, *arguments: Any) -> None:
-        """Log what only a developer wants."""
+        """Log a message for debugging."""
         self._log(DEBUG, text, arguments)
 
 
 def setLevel(level: int) -> None:
-    """Log messages up to a level: SILENT, FATAL, ..., DEBUG."""
+    """Set the level up to which messages are logged: SILENT, FATAL, ..., DEBUG."""
     _LEVELS["*"] = int(level)
 
 
 def setFilters(filters: str) -> None:
-    """Set levels of categories: "+naoqi*=5:-audio*"; a + without a level logs all, a - nothing."""
+    """Set levels of categories: "+naoqi*=5:-audio*"; without a level, + logs all messages and - none."""
     for one in filters.replace(",", ":").split(":"):
         name, _, level = one.lstrip("+-").partition("=")
         if name:
@@ -62,7 +62,7 @@ def setFilters(filters: str) -> None:
 
 
 def setContext(context: int) -> None:
-    """Accept which parts a line has: the twin's log has time and category."""
+    """Accept the parts of a line, without effect: the twin's log has time and category."""
 
 
 def _of(level: str) -> Any:

@@ -1,9 +1,9 @@
-"""The live page: a server that holds the state, and pages that show and change it.
+"""The live page: a server with the state, and pages that show and change it.
 
-    serve                                     blocks until Ctrl-C: what `pepper-kin view` runs
-    ViewerServer, Access, DEFAULT_PORT        the server in a thread, and who may reach it
+    serve                                     serves until Ctrl-C, for `pepper-kin view`
+    ViewerServer, Access, DEFAULT_PORT        the server in a thread, and its rules of access
 
-Only this machine reaches it, unless `Access` says otherwise.
+Only this machine can connect, unless `Access` allows others.
 """
 
 from __future__ import annotations

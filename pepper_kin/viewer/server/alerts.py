@@ -1,4 +1,4 @@
-"""Warnings of the pages: contact, torques beyond their limits, and tipping."""
+"""Warnings on the pages: contact, torques beyond their limits, and tipping."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from pepper_kin.viewer.server.words import contact_words, joint_words, length_wo
 from pepper_kin.viewer.touching import touching_names
 
 STAYS = 2.0
-"""How long a warning of what is over stays, so that it can be read [s]."""
+"""Time for which an ended warning stays, so that it can be read [s]."""
 
 
 @dataclass(frozen=True)
 class _Violation:
-    """Something beyond a limit.
+    """A violation of a limit.
 
     Attributes:
-        still: Whether gravity alone does it, without any movement.
-        amount: How far it goes: share of the torque limit, or distance outside the wheels [m].
+        still: Whether gravity alone causes it, without any motion.
+        amount: Size: ratio to the torque limit, or distance outside the wheels [m].
         joint: Name of the joint; empty for balance.
     """
 
@@ -39,7 +39,7 @@ class _Violation:
 
 @dataclass
 class _Warning:
-    """The worst of an excess, and when it was last seen [s]."""
+    """The worst violation of a kind, the time of the last one [s], and whether it still holds."""
 
     worst: _Violation
     last_time: float
@@ -47,10 +47,10 @@ class _Warning:
 
 
 class Alerts:
-    """Looks at a body as it moves, and keeps what there is to warn of.
+    """Checks a moving robot, and keeps the warnings.
 
     Args:
-        pepper: The robot.
+        pepper: Model of the robot.
     """
 
     def __init__(self, pepper: PepperModel) -> None:
@@ -62,16 +62,16 @@ class Alerts:
         self._contacts: tuple[Contact, ...] = ()
 
     def strain(self, now: float, q: Array, v: Array, a: Array, scene: Scene | None = None) -> None:
-        """Look at torques and balance at joint positions, velocities and accelerations.
+        """Check torques and balance at joint positions, velocities and accelerations.
 
-        What movement does counts when it is seen twice in a row: one tick of the servo is no time.
+        Violations by motion count if they occur twice in a row: one tick of the servo is too short.
 
         Args:
-            now: The time [s].
+            now: Present time [s].
             q: Joint positions [rad or m], shape (n,).
             v: Joint velocities [rad/s or m/s], shape (n,).
             a: Joint accelerations [rad/s^2 or m/s^2], shape (n,).
-            scene: The world around the robot, with what it carries; None for nothing.
+            scene: Scene around the robot, with attached objects; None for none.
         """
         self.pass_time(now)
         loads = loads_of(self._pepper, scene)
@@ -85,15 +85,15 @@ class Alerts:
         self._before = found
 
     def calm(self) -> None:
-        """Forget torques and balance: the body is led by something else now."""
+        """Remove warnings of torques and balance."""
         self._warnings, self._before = {}, {}
 
     def touch(self, q: Array, scene: Scene) -> None:
-        """Look at what touches what at joint positions q, shape (n,) [rad or m]."""
+        """Find the contacts at joint positions q, shape (n,) [rad or m]."""
         self._contacts = contacts(self._pepper, q, scene)
 
     def pass_time(self, now: float) -> None:
-        """Drop warnings of what has been over for a while."""
+        """Remove warnings that ended more than `STAYS` ago."""
         self._warnings = {
             kind: warning
             for kind, warning in self._warnings.items()
@@ -102,11 +102,11 @@ class Alerts:
 
     @property
     def pending(self) -> bool:
-        """Whether there is a warning that time alone ends."""
+        """Whether an ended warning is still shown."""
         return any(not warning.holds for warning in self._warnings.values())
 
     def as_list(self) -> list[dict[str, str]]:
-        """Return kind ("contact", "torque" or "balance") and text of each, ready for JSON."""
+        """Return kind ("contact", "torque" or "balance") and text of each warning, for JSON."""
         warnings = [
             {"kind": kind, "text": _TEXTS[kind](warning.worst)} for kind, warning in self._warnings.items()
         ]
@@ -116,7 +116,7 @@ class Alerts:
         )
 
     def touching(self, scene: Scene) -> dict[str, list[str]]:
-        """Return which bodies of the robot touch, by the names that poses have, and which objects."""
+        """Return the touching bodies of the robot, by their names in poses, and the touching objects."""
         bodies, objects = touching_names(self._contacts, self._carriers, scene)
         return {"bodies": list(bodies), "objects": list(objects)}
 
@@ -128,13 +128,13 @@ class Alerts:
             known.last_time, known.holds = now, True
 
     def _torque(self, q: Array, v: Array, a: Array, loads: Loads) -> _Violation | None:
-        """Return by how much the torques exceed their limits, if they do.
+        """Return the violation of torque limits, or None.
 
         Args:
             q: Joint positions [rad or m], shape (n,).
             v: Joint velocities [rad/s or m/s], shape (n,).
             a: Joint accelerations [rad/s^2 or m/s^2], shape (n,).
-            loads: What the robot carries.
+            loads: Loads that the robot carries.
         """
         use = torque_use(self._pepper, inverse_dynamics_with(self._pepper, loads, q, v, a))
         if use.max() <= 1.0:
@@ -146,13 +146,13 @@ class Alerts:
         return _Violation(still, float(shares.max()), self._pepper.joint_names[int(shares.argmax())])
 
     def _balance(self, q: Array, v: Array, a: Array, loads: Loads) -> _Violation | None:
-        """Return how far the zero-moment point is outside the wheels, if it is.
+        """Return the violation of balance, the zero-moment point outside the wheels, or None.
 
         Args:
             q: Joint positions [rad or m], shape (n,).
             v: Joint velocities [rad/s or m/s], shape (n,).
             a: Joint accelerations [rad/s^2 or m/s^2], shape (n,).
-            loads: What the robot carries.
+            loads: Loads that the robot carries.
         """
         if self._polygon is None:
             return None

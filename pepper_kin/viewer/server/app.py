@@ -25,15 +25,15 @@ if TYPE_CHECKING:
 _LOG = logging.getLogger(__name__)
 PING_SECONDS = 20.0
 MOST_PER_SECOND, AT_ONCE = 200.0, 400.0
-"""Commands of a page in a second, and at once after a pause; what is beyond is refused."""
+"""Maximum commands of a page per second, and in a burst after a pause; others are refused."""
 MOST_REFUSALS = 50
-"""Answers to wrong commands that wait to be sent to a page."""
+"""Maximum number of unsent refusals for a page."""
 MOST_UNSENT = 32_000_000
-"""A page that has yet to take so much more than it was sent at first is closed [byte]."""
+"""Maximum unsent data for a page, beyond its first messages; a slower page is closed [byte]."""
 
 
 def application(hub: Hub, title: str) -> tornado.web.Application:
-    """Return the application of one server; `GatedHttpServer` has asked the rules of access before it."""
+    """Return the application of a server; `GatedHttpServer` checks the rules of access before it."""
     return tornado.web.Application(
         [("/", PageHandler, {"title": title}), ("/socket", PageSocket, {"hub": hub})],
         default_handler_class=NothingHere,
@@ -43,10 +43,10 @@ def application(hub: Hub, title: str) -> tornado.web.Application:
 
 
 class CarefulHandler(tornado.web.RequestHandler):
-    """Sends the headers that every answer has."""
+    """Handler with the headers of every answer."""
 
     def set_default_headers(self) -> None:
-        """Forbid browsers to guess types, to store pages and to send the address to other servers."""
+        """Forbid browsers to guess types, to cache pages and to send the address to other servers."""
         self.set_header("X-Content-Type-Options", "nosniff")
         self.set_header("Cache-Control", "no-store")
         self.set_header("Referrer-Policy", "no-referrer")
@@ -57,10 +57,10 @@ class CarefulHandler(tornado.web.RequestHandler):
 
 
 class PageHandler(CarefulHandler):
-    """The page."""
+    """Handler of the page."""
 
     def initialize(self, title: str) -> None:
-        """Take what the application hands to the handler."""
+        """Store the application's arguments."""
         self._title = title
 
     def get(self) -> None:
@@ -72,10 +72,10 @@ class PageHandler(CarefulHandler):
 
 
 class NothingHere(CarefulHandler):
-    """Every other address."""
+    """Handler of every other address."""
 
     def prepare(self) -> None:
-        """Say that there is nothing."""
+        """Send the status 404."""
         self.set_status(404)
         self.finish("There is nothing here but /.")
 
@@ -84,7 +84,7 @@ class PageSocket(tornado.websocket.WebSocketHandler):
     """The socket of one page.  Texts are JSON, binary messages are drawing commands and poses."""
 
     def initialize(self, hub: Hub) -> None:
-        """Take what the application hands to the handler."""
+        """Store the application's arguments."""
         self._hub = hub
         self.revision = -1
         self._unsent: Any = None
@@ -93,17 +93,17 @@ class PageSocket(tornado.websocket.WebSocketHandler):
         self._left, self._asked_at, self._warned_at = AT_ONCE, time.monotonic(), 0.0
 
     def check_origin(self, origin: str) -> bool:
-        """Whether a page may connect; the gate has asked already."""
+        """Return True: the gate has checked the access already."""
         return True
 
     def open(self, *args: str, **kwargs: str) -> None:
-        """Send everything that a new page needs."""
+        """Send a new page its first messages."""
         self.set_nodelay(True)
         self._hub.join(self)
         self._most_bytes = self._bytes + MOST_UNSENT
 
     def on_message(self, message: str | bytes) -> None:
-        """Do what the page asks for; errors are sent to this page alone."""
+        """Execute a command of the page; errors are sent to this page alone."""
         if not self._may_ask():
             return
         try:
@@ -117,7 +117,7 @@ class PageSocket(tornado.websocket.WebSocketHandler):
             self._hub.wake()
 
     def _may_ask(self) -> bool:
-        """Whether the page has not asked for too much of late."""
+        """Return whether the page is within its rate of commands."""
         now = time.monotonic()
         self._left = min(self._left + MOST_PER_SECOND * (now - self._asked_at), AT_ONCE)
         self._asked_at = now
@@ -130,7 +130,7 @@ class PageSocket(tornado.websocket.WebSocketHandler):
         return True
 
     def _refuse(self, text: str) -> None:
-        """Say why something was not done; a page that does not read its answers gets no more of them."""
+        """Send the reason of a refusal, unless too many refusals are unsent."""
         if self._refusals < MOST_REFUSALS:
             self._refusals += 1
             self.tell({"type": "refused", "text": text})
@@ -141,18 +141,18 @@ class PageSocket(tornado.websocket.WebSocketHandler):
         self._refusals -= 1
 
     def on_close(self) -> None:
-        """Forget the page."""
+        """Remove the page from the hub."""
         self._hub.leave(self)
 
     # ---- for the hub
 
     @property
     def busy(self) -> bool:
-        """Whether the page has not yet taken what it was sent last."""
+        """Whether the last message to the page is still unsent."""
         return self._unsent is not None and not self._unsent.done()
 
     def tell(self, content: dict[str, Any]) -> None:
-        """Send JSON."""
+        """Send values as JSON."""
         self._write(json.dumps(content, separators=(",", ":"), allow_nan=False), binary=False)
 
     def draw(self, command: bytes) -> None:
@@ -160,7 +160,7 @@ class PageSocket(tornado.websocket.WebSocketHandler):
         self._write(drawing_message(command), binary=True)
 
     def pose(self, poses: bytes) -> None:
-        """Send poses; a page that is still busy with older ones gets the newest later."""
+        """Send poses; a page that is busy with older poses gets the newest ones later."""
         if self.busy:
             self._late_poses = True
         else:
@@ -169,17 +169,18 @@ class PageSocket(tornado.websocket.WebSocketHandler):
 
     @property
     def lacks_poses(self) -> bool:
-        """Whether it was busy when poses were sent last."""
+        """Whether the page was busy at the last poses and is not any more."""
         return self._late_poses and not self.busy
 
     def catch_up(self, document: Document) -> None:
-        """Send what changed since the page's last update."""
+        """Send the changes since the page's last update."""
         if self.revision == document.count or (self.busy and self.revision >= 0):
             return
         changes, self.revision = document.changes_since(self.revision), document.count
         self.tell({"type": "state", "values": changes})
 
     def _write(self, message: str | bytes, binary: bool) -> None:
+        """Send a message; close a page with too much unsent data."""
         if self._bytes > self._most_bytes:
             self._hub.leave(self)
             self.close(1008, "the page does not take what it is sent")

@@ -1,4 +1,4 @@
-"""Drawing commands for meshcat in the page, kept for pages that open later."""
+"""Drawing commands for meshcat on the pages, kept for pages that open later."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ Root = tuple[str, ...]
 
 
 class Board:
-    """Groups of drawables by their path; each is drawn, shown, hidden and erased as a whole.
+    """Groups of drawables by their path; a group is drawn, shown, hidden and erased as a whole.
 
     Args:
-        send: Takes each packed command, for the pages that are open now.
+        send: Sends a packed command to all open pages.
     """
 
     def __init__(self, send: Callable[[bytes], None]) -> None:
@@ -25,7 +25,7 @@ class Board:
         self._painted: dict[Root, bytes] = {}
 
     def draw(self, root: Root, drawables: Iterable[Drawable]) -> None:
-        """Replace what a group holds."""
+        """Replace the drawables of a group."""
         self.erase(root)
         commands = [_packed(command) for command in draw_commands(drawables, root)]
         if commands:
@@ -35,26 +35,26 @@ class Board:
                 self._send(command)
 
     def erase(self, root: Root) -> None:
-        """Empty a group."""
+        """Erase a group."""
         if self._drawn.pop(root, None):
             self._send(_packed({"type": "delete", "path": _lowered(root)}))
 
     def show(self, root: Root, visible: bool) -> None:
-        """Show or hide a group; it stays so when it is drawn again."""
+        """Show or hide a group, also when it is drawn again."""
         self._shown[root] = _packed(
             {"type": "set_property", "path": _lowered(root), "property": "visible", "value": visible}
         )
         self._send(self._shown[root])
 
     def paint(self, root: Root, color: Color) -> None:
-        """Give all of a group one color: red, green, blue, opacity; it stays so when it is drawn again."""
+        """Set the color of a group, red, green, blue, opacity, also when it is drawn again."""
         self._painted[root] = _packed(
             {"type": "set_property", "path": _lowered(root), "property": "color", "value": list(color)}
         )
         self._send(self._painted[root])
 
     def snapshot(self) -> Iterator[bytes]:
-        """Yield the commands that draw everything on an empty page."""
+        """Yield the commands that draw all groups on an empty page."""
         for commands in self._drawn.values():
             yield from commands
         yield from self._shown.values()

@@ -18,21 +18,21 @@ from pepper_kin.viewer.server.targets import SharedTargets
 pinocchio = lazy_module("pinocchio")
 
 POSES, DRAWING = 1, 2
-"""What a binary message holds: its first number, little-endian, 32 bit; the second is a stamp."""
+"""Kind of a binary message: its first number, little-endian, 32 bit; the second is a stamp."""
 
 
 def drawing_message(command: bytes) -> bytes:
-    """Return a drawing command as a message."""
+    """Pack a drawing command as a message."""
     return struct.pack("<II", DRAWING, 0) + command
 
 
 class BodyPoses:
-    """Poses of links, of the points of balance and of the targets, in that order.
+    """Poses of links, balance points and targets, in this order.
 
     Args:
-        pepper: The robot.
-        links: The links whose poses pages need.
-        targets: The targets.
+        pepper: Model of the robot.
+        links: Names of the links whose poses the pages need.
+        targets: Targets of the robot.
     """
 
     def __init__(self, pepper: PepperModel, links: tuple[str, ...], targets: SharedTargets) -> None:
@@ -44,15 +44,15 @@ class BodyPoses:
     def packed(
         self, q: Array, v: Array, a: Array, shown: Mapping[str, bool], stamp: int, scene: Scene | None = None
     ) -> bytes:
-        """Return the message: its kind, the stamp, and seven float32 a body (x, y, z, quaternion xyzw).
+        """Pack the message: kind, stamp, and seven float32 per body (x, y, z, quaternion xyzw).
 
         Args:
             q: Joint positions [rad or m], shape (n,).
             v: Joint velocities [rad/s or m/s], shape (n,).
             a: Joint accelerations [rad/s^2 or m/s^2], shape (n,).
-            shown: Layer -> whether it is shown.
-            stamp: The message's second number.
-            scene: The world around the robot, with what it carries; None for nothing.
+            shown: Name of a layer -> whether it is shown.
+            stamp: Stamp, the message's second number.
+            scene: Scene around the robot, with attached objects; None for none.
         """
         if shown.get(MASS) or shown.get(ZMP):
             self._balance[:] = balance_points(self._pepper, q, v, a, loads_of(self._pepper, scene))

@@ -12,27 +12,27 @@ from pepper_kin.viewer.drawable import Drawable
 from pepper_kin.viewer.surface import CREASE_ANGLE, DrawnSurface, split_at_creases
 
 _PATIENCE = 3.0
-"""The power by which errors may grow from round to round; in the k-th, an edge goes whose squared error is
-below 1e-9 (k + 3)^3 [m^2].  After a hundred rounds, at three centimeters, what is left stays."""
+"""Exponent of the growth of errors from round to round: in round k, edges collapse whose squared error is
+below 1e-9 (k + 3)^3 [m^2].  After a hundred rounds, at three centimeters, the remaining edges stay."""
 
 _HAIR = 1e-3
-"""Edge of the cubes within which all corners are one [m]."""
+"""Edge length of the grid cubes whose vertices are merged [m]."""
 
 
 def coarsened(drawables: tuple[Drawable, ...], triangles: int) -> tuple[Drawable, ...]:
-    """Return drawables that together have about so many triangles, and look as alike as these can.
+    """Simplify drawables to a total number of triangles, with the least change of shape.
 
-    Of all their edges the one whose collapse moves the surface least goes first, by quadrics: M. Garland and
+    The edge whose collapse moves the surface least, by quadric errors, collapses first: M. Garland and
     P. Heckbert, Surface simplification using quadric error metrics (1997).  All drawables share one budget,
-    so that triangles go where shapes bend most, whatever the size of the body.
+    so that triangles remain where shapes bend most, whatever the size of the body.
 
     Args:
-        drawables: Surfaces, as `merged` returns them; what is not a surface is left out.
-        triangles: How many to keep; fewer stay as they are.  Torn meshes, whose triangles share no corners,
-            may keep more.
+        drawables: Surfaces, from `merged`; other geometries are left out.
+        triangles: Total number to keep; fewer are left unchanged.  Torn meshes, whose triangles share no
+            vertices, may keep more.
 
     Returns:
-        The drawables in the same order, without those that vanish.
+        The drawables in the same order, without vanished ones.
     """
     kept = [drawable for drawable in drawables if isinstance(drawable.geometry, DrawnSurface)]
     parts = [_welded(drawable.geometry) for drawable in kept if isinstance(drawable.geometry, DrawnSurface)]
@@ -59,9 +59,9 @@ def coarsened(drawables: tuple[Drawable, ...], triangles: int) -> tuple[Drawable
 
 
 def _welded(surface: DrawnSurface) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-    """Return one corner for each cube of a fine grid that has any, and the triangles that are left by them.
+    """Merge the vertices within each cube of a fine grid; return vertices and remaining triangles.
 
-    Edges that run beside each other a hair apart would tear, and nothing there could collapse.
+    Otherwise adjacent edges with a tiny gap would tear, and could not collapse.
     """
     cubes, cube = unique_rows(np.round(surface.vertices / _HAIR))
     first = np.empty(len(cubes), dtype=np.intp)
@@ -71,6 +71,6 @@ def _welded(surface: DrawnSurface) -> tuple[NDArray[np.float32], NDArray[np.int6
 
 
 def _surface(points: NDArray[np.float32], faces: NDArray[np.int32]) -> DrawnSurface:
-    """Return the surface of the faces, shape (F, 3), without the points [m], shape (V, 3), that none uses."""
+    """Return the surface of faces, shape (F, 3), with only the used points [m], shape (V, 3)."""
     used, index = np.unique(faces, return_inverse=True)
     return split_at_creases(points[used], index.reshape(-1, 3), CREASE_ANGLE)

@@ -1,4 +1,4 @@
-"""The state that all pages share, as values that JSON can carry."""
+"""The state that all pages share, as values for JSON."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any
 
 
 def blank_document() -> Document:
-    """Return the state before anything has been said, planned or loaded."""
+    """Return the initial state, without message, plan and motion."""
     document = Document()
     document.set("message", {"text": "", "kind": "info", "count": 0})
     document.set("busy", None)
@@ -18,10 +18,10 @@ def blank_document() -> Document:
 
 
 class Document:
-    """Values by name, each with the count of changes at which it last changed.
+    """Values by name, each with the count of its last change.
 
-    A page that has seen the state at some count asks for what changed since: a slow one misses steps between,
-    never the last value.
+    A page that has seen the state at a count requests the changes since: a slow page misses intermediate
+    values, never the last one.
     """
 
     def __init__(self) -> None:
@@ -33,7 +33,7 @@ class Document:
         return self._values[name]
 
     def set(self, name: str, value: Any) -> None:
-        """Give a value a name; nothing happens where it is the same already."""
+        """Set a value; an equal value counts as no change."""
         if name in self._values and self._values[name] == value:
             return
         self.count += 1
@@ -41,5 +41,5 @@ class Document:
         self._changed[name] = self.count
 
     def changes_since(self, count: int) -> dict[str, Any]:
-        """Return what changed after a count; -1 for everything."""
+        """Return the values that changed after a count; all for -1."""
         return {name: value for name, value in self._values.items() if self._changed[name] > count}

@@ -1,4 +1,4 @@
-"""Explanations for visitors: why the body does not get nearer to its targets."""
+"""Explanations for visitors: why the robot gets no nearer to its targets."""
 
 from __future__ import annotations
 
@@ -15,35 +15,35 @@ from pepper_kin.viewer.server.words import joint_words, length_words, listed, pa
 
 RESTARTS = 8
 _SHARES = (0.1, 0.3, 1.0)
-"""Of the rest of the way, tried one after the other: what would touch first is what is in the way."""
+"""Fractions of the remaining path, tried in order: the first contact is the obstruction."""
 _NEAR = 0.006
-"""Distance that counts as touching [m]: the servo keeps 5 mm."""
+"""Distance below which bodies count as touching [m]: the servo keeps 5 mm."""
 _NEARER = 0.0005
-"""What comes nearer by less than this is not in the way [m]."""
+"""Decrease of a distance up to which a pair is no obstruction [m]."""
 
 
 def at_target(tasks: Sequence[Task]) -> str:
-    """Return the sentence that says that the body has arrived."""
+    """Return a sentence for a robot at its targets."""
     who = listed(_who(task) for task in tasks)
     return sentence(f"{who} is at its target." if len(tasks) == 1 else f"{who} are at their targets.")
 
 
 def on_the_way(tasks: Sequence[Task]) -> str:
-    """Return the sentence that says that the body follows."""
+    """Return a sentence for a robot on the way to its targets."""
     who = listed(_who(task) for task in tasks)
     return sentence(f"{who} follows its target." if len(tasks) == 1 else f"{who} follow their targets.")
 
 
 def why_no_closer(pepper: PepperModel, q: Array, tasks: Sequence[Task], scene: Scene) -> str:
-    """Say why the body rests at joint positions q, shape (n,) [rad or m], without having met its tasks.
+    """Explain why the robot is at rest at q, shape (n,) [rad or m], before its tasks are met.
 
-    Inverse kinematics from many starts finds what the servo, which is local, cannot.
+    Inverse kinematics from several starts finds solutions that the local servo cannot.
     """
     return no_closer(pepper, q, tasks, scene, solve(pepper, list(tasks), q, scene=scene, restarts=RESTARTS))
 
 
 def no_closer(pepper: PepperModel, q: Array, tasks: Sequence[Task], scene: Scene, found: IKResult) -> str:
-    """Say why tasks are not met at q, shape (n,) [rad or m], given what inverse kinematics found."""
+    """Explain why tasks are not met at q, shape (n,) [rad or m], from a result of inverse kinematics."""
     unmet = [task for task in tasks if task.error(pepper, q) > task.tolerance] or list(tasks)
     who = listed(_who(task) for task in unmet)
     turn = all(task.unit == "rad" for task in unmet)
@@ -66,13 +66,13 @@ def no_closer(pepper: PepperModel, q: Array, tasks: Sequence[Task], scene: Scene
 
 
 def what_would_touch(pepper: PepperModel, q: Array, tasks: Sequence[Task], scene: Scene) -> str:
-    """Say what would touch what if the body went on toward its tasks; empty where nothing would.
+    """Say which bodies would touch if the robot went on toward its tasks; "" if none.
 
     Args:
-        pepper: The robot.
-        q: Where it is [rad or m], shape (n,).
-        tasks: What it is to meet.
-        scene: The world around it.
+        pepper: Model of the robot.
+        q: Joint positions [rad or m], shape (n,).
+        tasks: Tasks to meet.
+        scene: Scene around the robot.
     """
     now = {contact.names: contact.distance for contact in contacts(pepper, q, scene, within=_NEAR)}
     for share in _SHARES:
@@ -86,13 +86,13 @@ def what_would_touch(pepper: PepperModel, q: Array, tasks: Sequence[Task], scene
 
 
 def _part_of_the_way(pepper: PepperModel, q: Array, task: Task, share: float) -> Task:
-    """Return a task whose target lies on the way from where its frame is to the task's own.
+    """Return a copy of a task with its target between its frame's position and its own target.
 
     Args:
-        pepper: The robot.
+        pepper: Model of the robot.
         q: Joint positions [rad or m], shape (n,).
-        task: The task.
-        share: Part of the way, 0 to 1.
+        task: Task to copy.
+        share: Fraction of the way to the target, 0 to 1.
     """
     if task.unit != "m" or task.frame is None:
         return task
@@ -104,7 +104,7 @@ def _part_of_the_way(pepper: PepperModel, q: Array, task: Task, share: float) ->
 
 
 def _beyond(unmet: Sequence[Task], found: IKResult) -> str:
-    """Say by how much the farthest target is out of reach."""
+    """Say how far the farthest target is out of reach."""
     names = {task.label for task in unmet}
     lengths = [error.value for error in found.errors if error.unit == "m" and error.label in names]
     if not lengths:

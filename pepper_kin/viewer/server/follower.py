@@ -1,4 +1,4 @@
-"""The servo behind the targets: the body follows while somebody drags."""
+"""The servo of the targets: the robot follows while targets are dragged."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from pepper_kin.servo import Servo, ServoState, ServoStatus
 
 RATE = 100.0
 MOST_TICKS = 4
-"""Ticks made up for at once where the machine was busy; the rest is forgotten."""
+"""Maximum number of late ticks that are made up for; further ones are skipped."""
 _STILL = 5e-3
-"""Joint speeds below this count as rest [rad/s or m/s]."""
+"""Joint speed below which joints count as at rest [rad/s or m/s]."""
 _REST_TICKS = 40
 _GAIN = 1e-3
-"""An error that does not shrink by this much [m or rad] in `_STALL_TICKS` ticks shrinks no more."""
+"""Minimum decrease of the error in `_STALL_TICKS` ticks [m or rad], or the servo counts as stalled."""
 _STALL_TICKS = 60
 _ARRIVED_TICKS = 25
 
 
 def compile_servo(pepper: PepperModel) -> None:
-    """Load, or on a machine's first use compile, what the servo needs."""
+    """Load the servo's machine code, or compile it on a machine's first use."""
     servo = Servo(pepper, pepper.neutral(), RATE, Scene(), command_timeout=math.inf)
     if "CameraTop_frame" in pepper.frame_names:
         servo.set_target(LookAt((1.0, 0.1, 1.0)))
@@ -34,12 +34,12 @@ def compile_servo(pepper: PepperModel) -> None:
 
 
 class Follower:
-    """Follows tasks from where the body is.
+    """Servo that follows tasks from the robot's present posture.
 
     Args:
-        pepper: The robot.
+        pepper: Model of the robot.
         q: Joint positions at rest [rad or m], shape (n,).
-        scene: What to keep clear of, the robot itself included.
+        scene: Obstacles to avoid, besides the robot itself.
     """
 
     def __init__(self, pepper: PepperModel, q: Array, scene: Scene) -> None:
@@ -50,7 +50,7 @@ class Follower:
         self._least, self._lost, self._met = math.inf, 0, 0
 
     def aim(self, tasks: list[Task]) -> None:
-        """Take the tasks as they are now."""
+        """Set the tasks; an empty list stops the robot."""
         self._expect()
         if tasks:
             self._servo.set_target(tasks)
@@ -59,7 +59,7 @@ class Follower:
         self._eager = True
 
     def set_scene(self, scene: Scene) -> None:
-        """Take the world as it is now."""
+        """Set the scene."""
         self._expect()
         self._servo.set_scene(scene)
 
@@ -68,17 +68,17 @@ class Follower:
 
     @property
     def arrived(self) -> bool:
-        """Whether its targets have been met for a while, and not just in passing."""
+        """Whether the targets have been met for a while, not only in passing."""
         return self._met >= _ARRIVED_TICKS
 
     @property
     def stalled(self) -> bool:
-        """Whether it has not arrived and comes no nearer, although joints may still drift."""
+        """Whether the error no longer decreases before the targets are met; joints may still drift."""
         return self._lost >= _STALL_TICKS
 
     @property
     def resting(self) -> bool:
-        """Whether nothing has moved for a while, so that ticks may pause."""
+        """Whether all joints have been at rest for a while, so that ticks may pause."""
         return self._rested >= _REST_TICKS
 
     @property
@@ -91,15 +91,15 @@ class Follower:
         return self._eager and self._owed >= 0.0
 
     def advance(self, seconds: float) -> tuple[ServoState, Array] | None:
-        """Do the ticks that are due once some time has passed.
+        """Let time pass, and do the ticks that are due.
 
-        A new aim is not kept waiting: its first tick comes early, and the next as much later.
+        After new tasks the first tick comes early, and the next one later by the same time.
 
         Args:
-            seconds: The time [s].
+            seconds: Time to pass [s].
 
         Returns:
-            The servo's state and the accelerations of the last tick, shape (n,); None where none was due.
+            The servo's state and the accelerations of the last tick, shape (n,); None if none was due.
         """
         self._owed = min(self._owed + seconds * RATE, float(MOST_TICKS))
         done = None
@@ -109,6 +109,7 @@ class Follower:
         return done
 
     def _tick(self) -> tuple[ServoState, Array]:
+        """Do one tick of the servo; return its state and the accelerations, shape (n,)."""
         before = self._servo.v
         state = self._servo.step()
         self._rested = self._rested + 1 if float(np.abs(state.v).max()) < _STILL else 0

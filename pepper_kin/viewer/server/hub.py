@@ -24,11 +24,11 @@ MOST_PAGES = 32
 
 
 class Hub:
-    """Pages come and go; the session stays.
+    """The hub of a session and its pages, which may come and go.
 
     Args:
-        pepper: The robot.
-        tasks: Does what takes long.
+        pepper: Model of the robot.
+        tasks: Executes long tasks.
     """
 
     def __init__(self, pepper: PepperModel, tasks: LongTasks) -> None:
@@ -60,16 +60,16 @@ class Hub:
         }
 
     def handle(self, command: PageCommand) -> None:
-        """Do what a page asks for.
+        """Execute a command of a page.
 
         Raises:
-            PepperKinError: for what cannot be done.
+            PepperKinError: for a command that cannot be executed.
         """
         self._doers[command.name](**command.fields)
         self.wake()
 
     def join(self, page: PageSocket) -> None:
-        """Send a new page everything: what the robot is, what is drawn, and how things are now."""
+        """Add a page, and send it the robot's data, the drawing and the present state."""
         if len(self._pages) >= MOST_PAGES:
             page.close(1013, "too many pages")
             return
@@ -85,20 +85,20 @@ class Hub:
         self.wake()
 
     def leave(self, page: PageSocket) -> None:
-        """Forget a page."""
+        """Remove a page."""
         self._pages.discard(page)
 
     def wake(self) -> None:
-        """Let the loop run: something happened."""
+        """Wake the loop after a change."""
         self._wake.set()
 
     def close_pages(self) -> None:
-        """End all connections."""
+        """Close all connections."""
         for page in tuple(self._pages):
             page.close(1001, "the server ends")
 
     async def run(self) -> None:
-        """Let time pass for ever: quickly while something moves, and not at all while nothing does."""
+        """Run the loop: at the servo's rate while something moves, and waiting for events otherwise."""
         loop = asyncio.get_running_loop()
         before = loop.time()
         while True:
@@ -109,19 +109,19 @@ class Hub:
             now = loop.time()
             try:
                 self.session.tick(now - before)
-            except Exception as error:  # the pages hear of it, and the loop goes on
+            except Exception as error:  # the error is shown on the pages, and the loop goes on
                 self.session.clear()
                 self.session.fail(error)
             before = now
             try:
                 self._tell(now)
-            except Exception:  # what cannot be sent is no reason to stand still
+            except Exception:  # the loop goes on after a failed transmission
                 _LOG.exception("the pages could not be sent what changed")
             await self._nap(now + self.session.wait - loop.time())
 
     async def _nap(self, seconds: float) -> None:
-        """Let time pass, but no longer than until something happens."""
-        # Not by `asyncio.wait_for`: until Python 3.12 it may swallow that the task is cancelled.
+        """Wait for a time [s], or until something happens."""
+        # Not by `asyncio.wait_for`: until Python 3.12 it may swallow the task's cancellation.
         self._wake.clear()
         alarm = asyncio.get_running_loop().call_later(max(0.0, seconds), self._wake.set)
         try:
@@ -130,13 +130,14 @@ class Hub:
             alarm.cancel()
 
     def _behind(self) -> bool:
-        """Whether some page lacks the latest state."""
+        """Return whether any page lacks the latest state."""
         session = self.session
         session.refresh()
         return any(page.revision != session.document.count or page.lacks_poses for page in self._pages)
 
     def _tell(self, now: float) -> None:
         # The panel first: whoever has just been sent poses is busy with them until the next tick.
+        """Send the changes of the state, every `STATE_STEP`, and the poses to all pages."""
         if now - self._sent_at >= STATE_STEP:
             self._sent_at = now
             self.session.refresh()

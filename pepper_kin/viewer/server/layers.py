@@ -1,4 +1,4 @@
-"""Layers of the robot that can be shown, each switched separately."""
+"""Layers of the robot that can be shown or hidden separately."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ LAYERS = {
     MASS: "Center of mass",
     ZMP: "Zero-moment point",
 }
-"""Layers by name, with their title."""
+"""Name of a layer -> title."""
 TARGETS = "targets"
 
 MASS_BODY, ZMP_BODY = "@center of mass", "@zero-moment point"
-"""Things that move like links without being any."""
+"""Names of the balance points, which have poses like links."""
 
 CAPSULE_COLOR: Color = (0.20, 0.45, 0.90, 0.30)
 SPHERE_COLOR: Color = (0.16, 0.62, 0.42, 0.40)
@@ -46,12 +46,12 @@ _SENSIBLE_FRAMES = ("base_footprint", "LArm_effector", "RArm_effector", "CameraT
 
 
 def target_body(name: str) -> str:
-    """Return the name under which a target moves."""
+    """Return the name of a target's body in the poses."""
     return f"@{name}"
 
 
 def layers_of(pepper: PepperModel, targets: SharedTargets) -> dict[str, tuple[Drawable, ...]]:
-    """Return what each layer draws; every drawable hangs on a link or on one of the bodies named with @."""
+    """Return the drawables of each layer, on links or on the bodies with names in @."""
     return {
         VISUAL: merged(pepper, pepper.visual_shapes),
         CAPSULES: merged(pepper, pepper.collision_shapes, CAPSULE_COLOR),
@@ -68,7 +68,7 @@ def layers_of(pepper: PepperModel, targets: SharedTargets) -> dict[str, tuple[Dr
 
 
 def _frames(pepper: PepperModel) -> tuple[str, ...]:
-    """Return the frames worth seeing: those that joints move, hands, camera and floor."""
+    """Return the frames to show: moved links, hands, camera and base."""
     moved = [joint.child for joint in pepper.document.joints if joint.type != "fixed" and not joint.mimic]
     names = (*(name for name in _SENSIBLE_FRAMES if name in pepper.frame_names), *moved)
     return tuple(dict.fromkeys(names))
@@ -84,7 +84,7 @@ def _triad(frame: str) -> list[Drawable]:
 
 
 def _ellipsoids(pepper: PepperModel) -> tuple[Drawable, ...]:
-    """Return, for every body that moves by itself, the solid ellipsoid of the same mass and inertia.
+    """Return, for every moving body, the solid ellipsoid of the same mass and inertia.
 
     With mass m and principal moments I_1, I_2, I_3 its semi-axes are
     a_i = sqrt(5 (I_j + I_k - I_i) / (2 m)).
@@ -107,7 +107,7 @@ def _ellipsoids(pepper: PepperModel) -> tuple[Drawable, ...]:
 
 
 def _link_of(model: Any, joint: int, pepper: PepperModel) -> tuple[str | None, NDArray[np.float64]]:
-    """Return a link that moves with a joint of Pinocchio's, and the transform from joint to link."""
+    """Return a link that moves with a Pinocchio joint, and the joint's pose in the link, shape (4, 4)."""
     for name in pepper.frame_names:
         frame = model.frames[pepper.frame_id(name)]
         if frame.parentJoint == joint:
@@ -126,6 +126,7 @@ def _ellipsoid(semi: NDArray[np.float64]) -> ConvexMesh:
 
 
 def _zero_moment_point(pepper: PepperModel) -> tuple[Drawable, ...]:
+    """Return the disc of the zero-moment point, and the sides of the support polygon."""
     disc = Drawable("disc", ZMP_BODY, Cylinder(0.022, 0.006), np.eye(4), _ZMP_COLOR)
     polygon = support_polygon(pepper)
     if polygon is None:

@@ -1,4 +1,4 @@
-"""Going to the targets while obstacles and targets are dragged."""
+"""A live motion to the targets while obstacles and targets are dragged."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from pepper_kin.viewer.server.planning import MARGIN
 from pepper_kin.viewer.server.words import body_words
 
 VELOCITY, ACCELERATION = 0.1, 0.3
-"""Shares of the limits: there is time to drag something into the way, and the robot stops soon."""
+"""Fractions of the limits: slow enough to drag an obstacle into the path, and to stop soon."""
 RATE = 30.0
-"""Cycles a second of the motion's clock [1/s]."""
-_SHORT = 0.3  # [s] of waiting, such as for a plan, that need no words
-_DUE = 0.9 / RATE  # [s] after which a cycle is due: ticks come every 10 ms
+"""Rate of the motion's cycles [1/s]."""
+_SHORT = 0.3  # [s]; longest wait, as for a plan, without a message
+_DUE = 0.9 / RATE  # [s]; time after which a cycle is due: ticks come every 10 ms
 
 
 class _Decision(NamedTuple):
-    """What a cycle decided about tasks, and why there is nowhere to go; empty where there is."""
+    """Result of a cycle: state, tasks, and the reason why there is no goal ("" if there is one)."""
 
     state: LiveState
     tasks: list[Task]
@@ -36,12 +36,12 @@ class _Decision(NamedTuple):
 class LiveRun:
     """A live motion of the page's robot; see `LiveMotion`.
 
-    Cycles are done by a separate thread, so that pages do not wait for them.  Time stands still where a
-    cycle takes longer than the robot was committed to go on before.
+    Cycles run in a separate thread, so that pages do not wait for them.  The motion's clock waits if a cycle
+    takes longer than the time that the robot is committed to.
 
     Args:
-        pepper: The robot.
-        q: Where it stands [rad or m], shape (n,).
+        pepper: Model of the robot.
+        q: Joint positions at the start [rad or m], shape (n,).
     """
 
     def __init__(self, pepper: PepperModel, q: Array) -> None:
@@ -51,7 +51,7 @@ class LiveRun:
         self._decided: _Decision | None = None
         self._now = self._begun = self._since = 0.0
         self._tasks: list[Task] = []
-        # What follows belongs to the thread of the cycles.
+        # The attributes below belong to the thread of the cycles.
         self._live: LiveMotion | None = None
         self._aimed: list[Task] | None = None
         self._searched: Scene | None = None
@@ -59,39 +59,39 @@ class LiveRun:
         self._tracker = SceneTracker()
 
     def aim(self, tasks: list[Task]) -> None:
-        """Take other tasks from the next cycle on; none to stop."""
+        """Set the tasks from the next cycle on; an empty list stops."""
         self._tasks = tasks
 
     @property
     def state(self) -> LiveState | None:
-        """What the last cycle decided; None before the first."""
+        """State of the last cycle; None before the first."""
         return None if self._decided is None else self._decided.state
 
     @property
     def shown(self) -> tuple[Array, Array, Array]:
-        """Joint positions, velocities and accelerations now, shape (n,) each."""
+        """Present joint positions, velocities and accelerations, shape (n,) each."""
         assert self._decided is not None
         found = self._decided.state.at(self._now)
         return found.position, found.velocity, found.acceleration
 
     @property
     def resting(self) -> bool:
-        """Whether the robot stands at its targets."""
+        """Whether the robot is at rest at its targets."""
         done = self._decided
         there = done is not None and done.state.status is LiveStatus.REACHED and done.tasks is self._tasks
         return there and self._waits_for is None
 
     @property
     def stopped(self) -> bool:
-        """Whether the robot stands, and has no tasks."""
+        """Whether the robot is at rest and has no tasks."""
         done = self._decided
         return done is not None and done.state.status is LiveStatus.WAITING and not done.tasks
 
     def advance(self, seconds: float) -> float | None:
-        """Let time pass; where a cycle is due return how long the last one is ago [s], else None.
+        """Let time pass; return the time since the last cycle [s] if a new one is due, else None.
 
         Raises:
-            Exception: that a cycle ended with.
+            Exception: the error of a failed cycle.
         """
         if self._waits_for is not None and self._waits_for.done():
             before, self._decided, self._waits_for = self.state, self._waits_for.result(), None
@@ -100,19 +100,19 @@ class LiveRun:
         if self.state is None:
             return None if self._waits_for is not None else 0.0
         end, state = self.state.begin + COMMITTED / RATE, self.state
-        if self._waits_for is not None:  # from rest the robot may set off at once
+        if self._waits_for is not None:  # from rest the robot may start at once
             end = min(end, max(self._begun, state.begin + state.trajectory.duration))
         self._now = min(self._now + seconds, end)
         since = self._now - state.begin
         return since if self._waits_for is None and since >= _DUE else None
 
     def begin(self, scene: Scene) -> None:
-        """Begin a cycle in the world as it is now."""
+        """Start a cycle in the present scene."""
         self._begun = self._now
         self._waits_for = self._threads.submit(self._decide, scene, self._now, self._tasks)
 
     def report(self) -> tuple[str, str]:
-        """Return what the message line says, and its kind."""
+        """Return the text of the message line, and its kind."""
         assert self._decided is not None
         state, tasks, fault = self._decided
         if not tasks:
@@ -128,7 +128,7 @@ class LiveRun:
         return on_the_way(tasks), "info"
 
     def _decide(self, scene: Scene, now: float, tasks: list[Task]) -> _Decision:
-        """Do a cycle."""
+        """Do a cycle, in the thread of the cycles."""
         if self._live is None:
             self._live = LiveMotion(self._pepper, self._start, scene, rate=RATE)
         live, seen = self._live, self._tracker.seen(scene, now)
@@ -139,7 +139,7 @@ class LiveRun:
         return _Decision(live.step(now), tasks, self._fault)
 
     def _find_goal(self, live: LiveMotion, scene: Scene, tasks: list[Task]) -> None:
-        """Set the posture in which the tasks are met, unless that which is the goal is free still."""
+        """Set a posture that meets the tasks as goal, unless the present goal is still free."""
         known = live.goal if tasks is self._aimed else None
         self._aimed, self._searched = tasks, scene
         if known is not None and not in_collision(self._pepper, known, scene):
@@ -157,7 +157,7 @@ class LiveRun:
 
 @kept_for_robot(most=1)
 def _careful(pepper: PepperModel) -> PepperModel:
-    """Return the robot at shares of its limits."""
+    """Return the robot with reduced limits."""
     return pepper.with_limits(
         velocity=VELOCITY * pepper.velocity_limits, acceleration=ACCELERATION * pepper.acceleration_limits
     )

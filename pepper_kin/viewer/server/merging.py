@@ -1,6 +1,6 @@
-"""Many shapes as few: what moves together and has one color is drawn as one surface.
+"""Merging of shapes: shapes that move together and have one color are drawn as one surface.
 
-A page pays for every object that it draws, most of all where the processor does the drawing.
+Every drawn object costs a page time, most of all with software rendering.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from pepper_kin.viewer.surface import (
 )
 
 SEGMENTS, RINGS = 12, 3
-"""Corners around a round shape and steps from its pole to its equator: enough for glass."""
+"""Vertices around a round shape, and steps from its pole to its equator: enough for translucent shapes."""
 
 _BOX_FACES = np.array(
     [[0, 2, 3], [0, 3, 1], [4, 5, 7], [4, 7, 6], [0, 1, 5], [0, 5, 4],
@@ -37,14 +37,14 @@ def merged(
     segments: int = SEGMENTS,
     rings: int = RINGS,
 ) -> tuple[Drawable, ...]:
-    """Return the shapes as one drawable for each moving body and color.
+    """Merge shapes to one drawable for each moving body and color.
 
     Args:
-        pepper: The robot.
-        shapes: Shapes on its links.
-        color: The color of all; None for their own.
-        segments: Corners around a round shape.
-        rings: Steps from its pole to its equator.
+        pepper: Model of the robot.
+        shapes: Shapes on the robot's links.
+        color: Color of all shapes; None for their own colors.
+        segments: Number of vertices around a round shape.
+        rings: Number of steps from its pole to its equator.
     """
     carriers = carriers_of(pepper)
     surfaces: dict[Path, DrawnSurface] = {}
@@ -68,7 +68,7 @@ def merged(
 
 
 def carriers_of(pepper: PepperModel) -> dict[str, tuple[str, NDArray[np.float64]]]:
-    """Return for each link one that moves with it, the same for all that move together, and the way there."""
+    """Map each link to its carrier, the first link that moves with it, and the link's pose in the carrier."""
     model, found = pepper.inner_model, {}
     first: dict[int, tuple[str, Any]] = {}
     for name in pepper.frame_names:
@@ -81,6 +81,7 @@ def carriers_of(pepper: PepperModel) -> dict[str, tuple[str, NDArray[np.float64]
 def _surface(
     shape: Shape, surfaces: dict[Path, DrawnSurface], segments: int, rings: int
 ) -> tuple[DrawnSurface, NDArray[np.float64]]:
+    """Return the surface of a shape's geometry, and its scale, shape (3,)."""
     geometry, ones = shape.geometry, np.ones(3)
     match geometry:
         case Box():
@@ -101,6 +102,7 @@ def _surface(
 
 
 def _cylinder(cylinder: Cylinder, segments: int) -> DrawnSurface:
+    """Return the surface of a cylinder along z."""
     angle = np.arange(segments) * (2 * np.pi / segments)
     ring = np.stack([np.cos(angle), np.sin(angle)], axis=-1) * cylinder.radius
     ends = [np.column_stack([ring, np.full(segments, z * cylinder.length)]) for z in (-0.5, 0.5)]
@@ -120,7 +122,7 @@ def _as_surface(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Draw
 
 
 def _joined(parts: list[tuple[NDArray[np.float64], NDArray[np.int64]]]) -> DrawnSurface:
-    """Return parts, each of vertices [m], shape (V, 3), and faces, shape (F, 3), as one surface."""
+    """Join parts, each of vertices [m], shape (V, 3), and faces, shape (F, 3), to one surface."""
     starts = np.cumsum([0, *(len(vertices) for vertices, _ in parts[:-1])])
     faces = [faces.astype(np.int64) + start for (_, faces), start in zip(parts, starts, strict=True)]
     return _as_surface(np.concatenate([vertices for vertices, _ in parts]), np.concatenate(faces))

@@ -1,4 +1,4 @@
-"""Obstacles that the panel edits: a scene in, a scene out."""
+"""Changes of a scene's obstacles by the panel."""
 
 from __future__ import annotations
 
@@ -15,40 +15,40 @@ from pepper_kin.model import Box, Cylinder, Sphere
 
 KINDS = ("box", "ball", "cylinder")
 PLACE = (0.55, 0.0, 0.80)
-"""Default position of a new obstacle [m]: before the robot, within reach."""
+"""Default position of a new obstacle [m]: in front of the robot, within reach."""
 LEAST, MOST = 0.005, 5.0
-"""Lengths that an obstacle may have [m]."""
+"""Minimum and maximum lengths of an obstacle [m]."""
 
 COLORS = PALETTE[1:]
-"""Colors of obstacles that are added in the page: others than a table's."""
+"""Colors of obstacles that are added on the page, different from a table's."""
 
 MOST_OBSTACLES = 100
-"""Objects in a scene to which pages may still add one."""
+"""Maximum number of objects in a scene to which pages add."""
 
 _SIZES = {"box": (0.15, 0.15, 0.15), "ball": (0.08,), "cylinder": (0.06, 0.3)}
 
 
 def size_names(kind: str) -> tuple[str, ...]:
-    """Return what the numbers of a size are: lengths, radius, height."""
+    """Return the names of a size's numbers: lengths, radius, height."""
     return {"box": ("x", "y", "z"), "ball": ("radius",), "cylinder": ("radius", "height")}[kind]
 
 
 def added(
     scene: Scene, kind: str, position: NDArray[np.float64] | None, size: NDArray[np.float64] | None
 ) -> tuple[Scene, str]:
-    """Return a scene with one obstacle more, and its name.
+    """Return a scene with an added obstacle, and the obstacle's name.
 
     Args:
-        scene: The scene.
-        kind: One of `KINDS`.
-        position: Of the obstacle's origin in the world [m], shape (3,); `PLACE` if None.
-        size: Its lengths [m], shape (3,) for a box, (1,) for a ball, (2,) for a cylinder, see `size_names`;
+        scene: Scene to change.
+        kind: Kind of the obstacle, one of `KINDS`.
+        position: Position of the obstacle's origin in the world [m], shape (3,); `PLACE` if None.
+        size: Lengths [m], shape (3,) for a box, (1,) for a ball, (2,) for a cylinder, see `size_names`;
             None for the default.
 
     Raises:
-        InvalidValueError: for a size of the wrong count of numbers, or too small or large a one, or for a
-            scene that is full.
-        UnknownNameError: for another kind.
+        InvalidValueError: for a size with a wrong count of numbers, or too small or too large, or for a
+            full scene.
+        UnknownNameError: for an unknown kind.
     """
     if kind not in KINDS:
         raise UnknownNameError("kind of obstacle", kind, KINDS)
@@ -58,7 +58,7 @@ def added(
     name = f"{kind} {number}"
     geometry = _geometry(name, kind, np.array(_SIZES[kind]) if size is None else size)
     taken = [thing.color for thing in scene.objects.values()]
-    color = min(COLORS, key=taken.count)  # the first that is used least
+    color = min(COLORS, key=taken.count)  # the first of the least used colors
     return scene.add(name, geometry, PLACE if position is None else position, color=color), name
 
 
@@ -69,19 +69,19 @@ def changed(
     size: NDArray[np.float64] | None,
     color: NDArray[np.float64] | None = None,
 ) -> Scene:
-    """Return a scene with one obstacle elsewhere, of another size or color; its orientation stays.
+    """Return a scene with a changed position, size or color of an obstacle, which keeps its orientation.
 
     Args:
-        scene: The scene.
-        name: The obstacle's name.
-        position: Of its origin in the world [m], shape (3,); None for where it is.
-        size: Its lengths [m], shape (3,) for a box, (1,) for a ball, (2,) for a cylinder, see `size_names`;
-            None for what it has.
-        color: Red, green, blue, shape (3,); None for what it has.
+        scene: Scene to change.
+        name: Name of the obstacle.
+        position: Position of the origin in the world [m], shape (3,); None for no change.
+        size: Lengths [m], shape (3,) for a box, (1,) for a ball, (2,) for a cylinder, see `size_names`;
+            None for no change.
+        color: Red, green, blue, shape (3,); None for no change.
 
     Raises:
         UnknownNameError: for an unknown obstacle.
-        InvalidValueError: for a size or a color (red, green, blue in [0, 1]) that it cannot have.
+        InvalidValueError: for an invalid size or color (red, green, blue in [0, 1]).
     """
     thing = _standing(scene, name)
     if position is not None:
@@ -103,7 +103,7 @@ def changed(
 
 
 def kind_of(thing: SceneObject) -> str:
-    """Return "box", "ball", "cylinder" or "fixed", which is anything else."""
+    """Return the kind of an object: "box", "ball", "cylinder", or "fixed" for any other."""
     kinds: dict[type, str] = {Box: "box", Sphere: "ball", Cylinder: "cylinder"}
     return kinds.get(type(thing.geometry), "fixed")
 

@@ -1,4 +1,4 @@
-"""The page as one text: nothing else is fetched but the web socket."""
+"""The page as one text; it fetches nothing else, and opens only the web socket."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ _SCRIPTS = (
 
 
 def page_text(title: str, nonce: str) -> str:
-    """Return the page.
+    """Return the text of the page.
 
     Args:
-        title: Its title.
-        nonce: What marks its own scripts, so that no other may run.
+        title: Title of the page.
+        nonce: Nonce of the page's own scripts, so that no other script may run.
     """
     return filled_page("live", _SCRIPTS, title=html.escape(title), nonce=html.escape(nonce))
 
 
 def content_policy(nonce: str, host: str) -> str:
-    """Return the header that lets the page run its own scripts and talk to its own server, nothing else."""
+    """Return the policy that allows the page only its own scripts and its own server."""
     return "; ".join(
         (
             "default-src 'none'",

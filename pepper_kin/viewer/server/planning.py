@@ -1,4 +1,4 @@
-"""Planning from the page: plan to the targets, time, and show the result."""
+"""Planning from the page: planning to the targets, timing and display of the result."""
 
 from __future__ import annotations
 
@@ -22,25 +22,25 @@ from pepper_kin.viewer.server.readings import Curves, curves_of
 
 TIMEOUT, MARGIN = 5.0, 0.01
 GHOSTS = 3
-"""Bodies drawn along a motion, the last at its end."""
+"""Number of robots drawn along a motion, the last at its end."""
 
 _GHOST_COLOR: Color = (0.93, 0.36, 0.20, 0.13)
 _TRACE_COLOR: Color = (0.93, 0.36, 0.20, 1.0)
 _TRACE_POINTS, _TRACE_RADIUS = 60, 0.006
 _WAY_POINTS = 60
-_MOVED = 0.01  # [m] a link that moves less casts no ghost
+_MOVED = 0.01  # [m]; a link that moves less is not drawn in ghosts
 
 
 @dataclass(frozen=True)
 class Shown:
-    """A motion with all that a page shows of it.
+    """A motion with the data that a page shows.
 
     Attributes:
-        title: What it is.
+        title: Title of the motion.
         motion: Joint positions over time.
-        curves: Its plots.
-        ghost: Its trace and some bodies along it, fixed to the world.
-        way: Two opposite corners of the box that holds the body all along, shape (2, 3) [m].
+        curves: Curves of the motion's plots.
+        ghost: Traces and some robots along the motion, fixed to the world.
+        way: Two opposite corners of the box around the whole motion, shape (2, 3) [m].
     """
 
     title: str
@@ -52,11 +52,11 @@ class Shown:
 
 @dataclass(frozen=True)
 class Planned:
-    """What became of planning.
+    """Outcome of planning.
 
     Attributes:
-        report: What the message line says.
-        shown: The motion, or None where there is none.
+        report: Text of the message line.
+        shown: The motion, or None if none was found.
     """
 
     report: str
@@ -64,22 +64,22 @@ class Planned:
 
 
 def compile_planning(pepper: PepperModel) -> None:
-    """Load, or on a machine's first use compile, what planning to targets needs."""
+    """Load the machine code of planning to targets, or compile it on a machine's first use."""
     plan_motion(pepper, pepper.neutral(), [LookAt((1.0, 0.3, 1.0))], Scene())
 
 
 def plan_motion(pepper: PepperModel, q: Array, tasks: list[Task], scene: Scene, seed: int = 0) -> Planned:
-    """Plan from joint positions q, shape (n,), to targets, and make the motion.
+    """Plan a timed motion from joint positions q, shape (n,), to targets.
 
     Args:
-        pepper: The robot.
-        q: Where it starts [rad or m], shape (n,).
-        tasks: The targets.
-        scene: The world around it.
+        pepper: Model of the robot.
+        q: Joint positions at the start [rad or m], shape (n,).
+        tasks: Tasks of the targets.
+        scene: Scene around the robot.
         seed: Seed of all random choices.
 
     Returns:
-        The motion, or a report of why there is none.
+        The motion, or the reason why there is none.
     """
     found = plan(pepper, q, tasks, scene, seed=seed, timeout=TIMEOUT)
     if found.path is None:
@@ -99,7 +99,7 @@ def plan_motion(pepper: PepperModel, q: Array, tasks: list[Task], scene: Scene, 
 
 
 def _why_no_plan(pepper: PepperModel, q: Array, tasks: list[Task], scene: Scene, found: Plan) -> str:
-    """Say in a sentence or two why there is no plan from joint positions q, shape (n,) [rad or m]."""
+    """Explain in a sentence or two why there is no plan from joint positions q, shape (n,) [rad or m]."""
     if found.ik is not None and not found.ik.success:
         return no_closer(pepper, q, tasks, scene, found.ik)
     return f"No way there was found. {found.report()}"
@@ -108,7 +108,7 @@ def _why_no_plan(pepper: PepperModel, q: Array, tasks: list[Task], scene: Scene,
 def show_motion(
     pepper: PepperModel, source: Playable, scene: Scene, title: str, frames: list[str] | None = None
 ) -> Shown:
-    """Compute what a page shows of a motion; `frames` are those whose traces are drawn, None for none."""
+    """Compute the displayed data of a motion; traces of `frames` are drawn, none for None."""
     motion = joint_motion(pepper, source)
     return Shown(
         title,
@@ -127,7 +127,7 @@ def _way(pepper: PepperModel, positions: Array) -> Array:
 
 
 def _ghost(pepper: PepperModel, positions: Array, frames: list[str] | None) -> tuple[Drawable, ...]:
-    """Return traces of frames and bodies along joint positions [rad or m], shape (T, n)."""
+    """Return traces of frames, and robots along joint positions [rad or m], shape (T, n)."""
     if frames is None or len(positions) < 2:
         return ()
     kept = np.linspace(0, len(positions) - 1, _TRACE_POINTS).round().astype(int)

@@ -1,4 +1,4 @@
-"""A motion that is played, scrubbed and slowed down."""
+"""Playback of a motion at any time and speed."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SLOWEST, FASTEST = 0.05, 8.0
 
 
 class Playback:
-    """A motion and the place in it.
+    """A motion and its present time.
 
     Args:
         motion: Joint positions over time.
@@ -31,27 +31,27 @@ class Playback:
         self.loop = False
 
     def play(self) -> None:
-        """Go on, from the start where the end was reached."""
+        """Play on, from the start if the end was reached."""
         if self.time >= self.end:
             self.time = self.start
         self.playing = self.end > self.start
 
     def seek(self, time: float) -> None:
-        """Go to a time [s], or to the nearest that the motion has."""
+        """Go to a time [s], clipped to the motion's interval."""
         self.time = min(max(time, self.start), self.end)
 
     def set_speed(self, speed: float) -> None:
-        """Set how fast it plays, 1 for real time.
+        """Set the speed of the playback, 1 for real time.
 
         Raises:
-            InvalidValueError: for a speed beyond what makes sense.
+            InvalidValueError: for a speed outside `SLOWEST` to `FASTEST`.
         """
         if not SLOWEST <= speed <= FASTEST:
             raise InvalidValueError("speed", speed, f"a factor in {SLOWEST:g} ... {FASTEST:g}")
         self.speed = float(speed)
 
     def advance(self, seconds: float) -> None:
-        """Let wall time pass; at the end it stops, or starts again in a loop."""
+        """Advance by wall time [s]; stop at the end, or start again in a loop."""
         if not self.playing:
             return
         self.time += seconds * self.speed
@@ -61,7 +61,7 @@ class Playback:
             self.playing = self.loop
 
     def state(self) -> tuple[Array, Array, Array]:
-        """Return joint positions, velocities and accelerations now, shape (n,) each."""
+        """Return the present joint positions, velocities and accelerations, shape (n,) each."""
         times = self.motion.times
         after = int(np.clip(np.searchsorted(times, self.time), 1, max(times.size - 1, 1)))
         before = after - 1
@@ -75,7 +75,7 @@ class Playback:
         return q, v, a
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the place as values for JSON."""
+        """Return the state of the playback as values for JSON."""
         return {
             "time": round(self.time, 4), "playing": self.playing, "speed": self.speed, "loop": self.loop,
         }  # fmt: skip

@@ -1,6 +1,6 @@
-"""Commands of the pages: JSON texts, with every field checked.
+"""Commands of the pages: JSON texts with checked fields.
 
-A command is an object with the field "do", its name, and the fields below; all others are refused.
+A command is an object with its name in the field "do", and the fields below; all others are refused.
 
     joint           name, value               posture         name
     show            layer, on                 follow          on
@@ -27,19 +27,19 @@ from pepper_kin.exceptions import InvalidValueError, UnknownNameError
 from pepper_kin.model.joint_vectors import as_finite
 
 LONGEST_TEXT = 4096
-"""Longest command [byte]."""
+"""Maximum length of a command [byte]."""
 LONGEST_NAME = 200
 FARTHEST = 10.0
-"""Positions beyond this are refused [m]."""
+"""Largest magnitude of a coordinate [m]."""
 
 
 @dataclass(frozen=True)
 class PageCommand:
-    """One command of a page.
+    """A command of a page.
 
     Attributes:
-        name: What to do.
-        fields: Its operands by name, checked; those that may be left out and were are absent.
+        name: Name of the command.
+        fields: Checked operands by name; omitted optional ones are absent.
     """
 
     name: str
@@ -61,7 +61,7 @@ def _flag(name: str, value: Any) -> bool:
 def _number(name: str, value: Any) -> float:
     try:
         number = math.nan if isinstance(value, bool) or not isinstance(value, int | float) else float(value)
-    except OverflowError:  # a whole number of hundreds of digits
+    except OverflowError:  # an integer of hundreds of digits
         number = math.inf
     if not math.isfinite(number):
         raise InvalidValueError(name, repr(value), "a finite number")
@@ -111,18 +111,18 @@ NAMES = tuple(_FIELDS)
 
 
 def parse(text: str | bytes) -> PageCommand:
-    """Read a command.
+    """Parse a command.
 
     Args:
-        text: JSON, as a page sends it.
+        text: JSON text of a page.
 
     Returns:
         The command.
 
     Raises:
-        InvalidValueError: for what is too long, no JSON, no object, or lacks a field, has one too many or a
-            wrong value in one; naming the field.
-        UnknownNameError: for another command.
+        InvalidValueError: for a text that is too long, no JSON or no object, or that lacks a field, has an
+            unknown one or a wrong value; with the field's name.
+        UnknownNameError: for an unknown command.
     """
     if not isinstance(text, str) or len(text) > LONGEST_TEXT:
         raise InvalidValueError("command", "something else", f"JSON text of at most {LONGEST_TEXT} letters")

@@ -20,34 +20,34 @@ from pepper_kin.trajectory.balance import balance_margin, support_polygon
 from pepper_kin.viewer.joint_motion import ExecutedMotion, JointMotion, Playable
 
 KEPT = 300
-"""Samples that pages which come later still see."""
+"""Number of samples that are kept for pages that open later."""
 CLEARANCES: dict[str, PairsTo] = {"obstacles": "obstacles", "itself": "self"}
-"""The plots of clearance, and the pairs that count in each."""
+"""Plot of clearance -> the pairs that count in it."""
 MOST_POINTS = 240
-"""Points of a motion's curves: as many as a small plot has pixels."""
+"""Maximum number of points of a motion's curves: the pixels of a small plot."""
 
 
 def torque_use(pepper: PepperModel, torque: Array) -> Array:
-    """Return torques [N m or N], shape (..., n), as shares of the limits; 0 for joints without a limit."""
+    """Return torques [N m or N], shape (..., n), as fractions of the limits; 0 for joints without a limit."""
     return _shares(torque, pepper.effort_limits)
 
 
 def speed_use(pepper: PepperModel, v: Array) -> Array:
-    """Return velocities [rad/s or m/s], shape (..., n), as shares of the limits; 0 for joints without one."""
+    """Return velocities [rad/s or m/s], shape (..., n), as fractions of the limits; 0 without a limit."""
     return _shares(v, pepper.velocity_limits)
 
 
 def _shares(values: Array, limits: Array) -> Array:
-    """Return |values|, shape (..., n), as shares of the limits, shape (n,), in the same units."""
+    """Return |values|, shape (..., n), as fractions of the limits, shape (n,), in the same units."""
     limited = np.isfinite(limits) & (limits > 0)
     return np.where(limited, np.abs(values) / np.where(limited, limits, 1.0), 0.0)
 
 
 class Readings:
-    """Samples of a robot that moves, the newest last.
+    """Samples of a moving robot, the newest last.
 
     Args:
-        pepper: The robot.
+        pepper: Model of the robot.
     """
 
     def __init__(self, pepper: PepperModel) -> None:
@@ -56,18 +56,18 @@ class Readings:
 
     @property
     def history(self) -> list[dict[str, Any]]:
-        """All samples that are kept, oldest first."""
+        """All kept samples, oldest first."""
         return list(self._samples)
 
     def take(self, time: float, q: Array, v: Array, a: Array, scene: Scene) -> dict[str, Any]:
         """Take a sample at joint positions, velocities and accelerations.
 
         Args:
-            time: The sample's time [s].
+            time: Time of the sample [s].
             q: Joint positions [rad or m], shape (n,).
             v: Joint velocities [rad/s or m/s], shape (n,).
             a: Joint accelerations [rad/s^2 or m/s^2], shape (n,).
-            scene: The world around the robot, with what it carries.
+            scene: Scene around the robot, with attached objects.
         """
         loads = loads_of(self._pepper, scene)
         balance = balance_of(self._pepper, q[None], v[None], a[None], loads)
@@ -92,14 +92,14 @@ def balance_points(
 ) -> tuple[Array, Array]:
     """Return the center of mass and the zero-moment point on the floor, shape (3,) each [m].
 
-    Where the floor would have to pull there is no such point, and that below the center of mass is returned.
+    If the floor would have to pull, there is no such point; the point below the center of mass is returned.
 
     Args:
-        pepper: The robot.
+        pepper: Model of the robot.
         q: Joint positions [rad or m], shape (n,).
         v: Joint velocities [rad/s or m/s], shape (n,).
         a: Joint accelerations [rad/s^2 or m/s^2], shape (n,).
-        loads: What the robot carries.
+        loads: Loads that the robot carries.
     """
     mass = center_of_mass_with(pepper, loads, q)
     wrench = base_wrench(pepper, q, v, a) + load_wrench(pepper, loads, q, v, a)
@@ -108,37 +108,37 @@ def balance_points(
 
 
 def balance_of(pepper: PepperModel, q: Array, v: Array, a: Array, loads: Loads = ()) -> Array:
-    """Return how far inside the wheels the zero-moment point is, shape (k,) [m]; empty without such wheels.
+    """Return the distance of the zero-moment point inside the wheels, shape (k,) [m]; empty without wheels.
 
-    Where the floor would have to pull there is no such point, and the distance is minus infinity.
+    If the floor would have to pull, there is no such point, and the distance is minus infinity.
 
     Args:
-        pepper: The robot.
+        pepper: Model of the robot.
         q: Joint positions [rad or m], shape (k, n).
         v: Joint velocities [rad/s or m/s], shape (k, n).
         a: Joint accelerations [rad/s^2 or m/s^2], shape (k, n).
-        loads: What the robot carries.
+        loads: Loads that the robot carries.
     """
     polygon = support_polygon(pepper)
     return np.zeros(0) if polygon is None else balance_margin(pepper, polygon, q, v, a, loads)
 
 
 def _finite(lengths: Array) -> list[float | None]:
-    """Return lengths [m], shape (k,), for JSON, which has no infinity."""
+    """Convert lengths [m], shape (k,), to JSON; None for infinite ones."""
     return [round(float(length), 5) if np.isfinite(length) else None for length in lengths]
 
 
 @dataclass(frozen=True)
 class Curves:
-    """A motion's curves for the plots.
+    """Curves of a motion for the plots.
 
     Attributes:
-        times: Shape (k,) [s].
-        torque: Share of the limit that each joint uses, shape (k, n).
-        speed: Share of the velocity limit that each joint uses, shape (k, n).
-        clearance: Smallest distances by the plots of `CLEARANCES`, shape (k,) each [m].
-        balance: How far inside the wheels the zero-moment point is, shape (k,) [m]; empty for a robot without
-            such wheels.
+        times: Times of the points, shape (k,) [s].
+        torque: Fraction of each joint's torque limit, shape (k, n).
+        speed: Fraction of each joint's velocity limit, shape (k, n).
+        clearance: Name of a plot of `CLEARANCES` -> smallest distances, shape (k,) [m].
+        balance: Distance of the zero-moment point inside the wheels, shape (k,) [m]; empty for a robot
+            without wheels for balance.
     """
 
     times: Array
@@ -159,13 +159,13 @@ class Curves:
 
 
 def curves_of(pepper: PepperModel, source: Playable, motion: JointMotion, scene: Scene) -> Curves:
-    """Compute the curves of a motion: the torques that it brings along, or those that it would take.
+    """Compute the curves of a motion, with its own torques, or those of inverse dynamics.
 
     Args:
-        pepper: The robot.
-        source: What is played; of a run, what it carried counts.
-        motion: The same as joint positions over time.
-        scene: The world around it, with what it carries.
+        pepper: Model of the robot.
+        source: Source of the motion; a run has its own torques and loads.
+        motion: The motion as joint positions over time.
+        scene: Scene around the robot, with attached objects.
     """
     count = min(motion.times.size, MOST_POINTS)
     kept = np.unique(np.linspace(0, motion.times.size - 1, count).round().astype(int))
@@ -190,7 +190,7 @@ def curves_of(pepper: PepperModel, source: Playable, motion: JointMotion, scene:
 
 
 def rates(motion: JointMotion) -> tuple[Array, Array]:
-    """Return velocities and accelerations of a motion by differences, shape (T, n) each."""
+    """Return velocities and accelerations of a motion by finite differences, shape (T, n) each."""
     if motion.times.size < 3:
         return np.zeros_like(motion.positions), np.zeros_like(motion.positions)
     v = np.gradient(motion.positions, motion.times, axis=0)

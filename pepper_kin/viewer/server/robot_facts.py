@@ -12,15 +12,15 @@ from pepper_kin.model import PepperModel
 from pepper_kin.viewer.server.layers import LAYERS
 
 _ENDS_WITHOUT_LIMITS = (-10.0, 10.0)
-"""Where a slider ends whose joint has no limit [rad or m]."""
+"""Ends of the slider of a joint without limits [rad or m]."""
 
 
 def robot_facts(pepper: PepperModel, layers: Sequence[str]) -> dict[str, Any]:
-    """Return name, joints, groups, whether it has wheels to balance on, postures and layers, for JSON.
+    """Return name, joints, groups, whether it has wheels for balance, postures and layers, for JSON.
 
     Args:
-        pepper: The robot.
-        layers: Names of the layers that can be shown.
+        pepper: Model of the robot.
+        layers: Names of the robot's layers.
     """
     low, high = _ENDS_WITHOUT_LIMITS
     lower = np.where(np.isfinite(pepper.lower_limits), pepper.lower_limits, low).tolist()

@@ -18,25 +18,25 @@ from pepper_kin.viewer.server.tasks import LongTasks
 from pepper_kin.viewer.server.worker import Worker
 
 DEFAULT_PORT = 7878
-"""The port of the live page, if none is asked for and nobody has taken it."""
+"""Default port of the live page, if it is free."""
 _TRIED = 20
-"""Ports that are tried after the default one, where others are at home already."""
+"""Number of ports that are tried from the default one on, if ports are in use."""
 
 T = TypeVar("T")
 
 
 class ViewerServer:
-    """Serves one robot's live page from a separate thread.
+    """Server of a robot's live page, in a separate thread.
 
     Args:
-        pepper: The robot.
-        access: Who may talk to it; None for this machine alone.
-        port: The port; None takes the first free one from 7878 on, 0 any free one.
-        title: The page's title; None for the robot's name.
+        pepper: Model of the robot.
+        access: Rules of access; None for this machine alone.
+        port: TCP port; None takes the first free one from 7878 on, 0 any free one.
+        title: Title of the page; None for the robot's name.
 
     Raises:
-        InvalidValueError: for a port that is none.
-        InfeasibleError: where the port is taken, or the host is none of this machine's.
+        InvalidValueError: for an invalid port.
+        InfeasibleError: if the port is in use, or the host is not an address of this machine.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class ViewerServer:
         self._sockets = listening_sockets("live page", self.access.host, first, tried)
         self.port = int(self._sockets[0].getsockname()[1])
         self._title = title or pepper.name.title()
-        self._loop = asyncio.SelectorEventLoop()  # others do not tell when a socket can be read
+        self._loop = asyncio.SelectorEventLoop()  # other loops have no `add_reader`
         self._worker = Worker(self._deliver)
         self._tasks = LongTasks(pepper, self._worker)
         self._hub = Hub(pepper, self._tasks)
@@ -65,24 +65,24 @@ class ViewerServer:
 
     @property
     def url(self) -> str:
-        """The address of the page, with its token where one is needed."""
+        """Address of the page, with its token if one is needed."""
         token = "" if self.access.token is None else f"?token={self.access.token}"
         return f"http://{self.access.shown_host}:{self.port}/{token}"
 
     def call(self, do: Callable[[LiveSession], T]) -> T:
-        """Do something with the session in the thread that owns it; return what it returns.
+        """Call a function with the session, in the server's thread; return its result.
 
         Raises:
-            InfeasibleError: after the server has ended, or where it ends meanwhile.
+            InfeasibleError: if the server has ended, or ends meanwhile.
         """
-        if threading.current_thread() is self._thread:  # it cannot wait for itself
+        if threading.current_thread() is self._thread:  # the thread cannot wait for itself
             return do(self._hub.session)
         outcome: concurrent.futures.Future[T] = concurrent.futures.Future()
 
         def work() -> None:
             try:
                 outcome.set_result(do(self._hub.session))
-            except BaseException as error:  # it belongs to whoever called
+            except BaseException as error:  # raised again for the caller
                 outcome.set_exception(error)
             self._hub.wake()
 
@@ -98,11 +98,11 @@ class ViewerServer:
                 self._calls.discard(outcome)
 
     def warm_up(self) -> None:
-        """Begin to load what following and planning need; returns at once."""
+        """Start to load the machine code of following and planning; return at once."""
         self.call(self._tasks.warm_up)
 
     def close(self) -> None:
-        """End the server; pages try to come back."""
+        """Stop the server; pages try to reconnect."""
         with self._lock:
             if not self._ended:
                 self._worker.stop()
@@ -117,7 +117,7 @@ class ViewerServer:
 
         try:
             self._loop.call_soon_threadsafe(work)
-        except RuntimeError:  # the server has ended, and nobody waits for the result
+        except RuntimeError:  # the server has ended, and the result is not needed
             return
 
     def _run(self) -> None:
@@ -130,7 +130,7 @@ class ViewerServer:
                 self._loop.close()
                 calls = tuple(self._calls)
             for outcome in calls:
-                if not outcome.done():  # its turn would come after the end: nobody would answer it
+                if not outcome.done():  # it would never be answered
                     outcome.set_exception(_has_ended())
 
     async def _serve(self) -> None:
@@ -146,7 +146,7 @@ class ViewerServer:
         ticking.cancel()
         self._hub.close_pages()
         await server.close()
-        await asyncio.gather(ticking, return_exceptions=True)  # it has yet to hear of its end
+        await asyncio.gather(ticking, return_exceptions=True)  # waits for the cancellation to finish
 
 
 def _has_ended() -> InfeasibleError:

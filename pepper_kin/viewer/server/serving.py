@@ -1,4 +1,4 @@
-"""A server in the foreground, until somebody ends it."""
+"""A server in the foreground, until Ctrl-C."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ def serve(
     """Serve the live page until Ctrl-C.
 
     Args:
-        pepper: The robot.
-        access: Who may talk to the server.
-        port: As for `ViewerServer`.
-        scene: The world at the start.
-        motion: A motion to show at the start.
-        on_start: Gets the page's address once the server listens.
+        pepper: Model of the robot.
+        access: Rules of access.
+        port: TCP port; None takes the first free one from 7878 on, 0 any free one.
+        scene: Scene at the start.
+        motion: Motion to show at the start.
+        on_start: Called with the page's address once the server listens.
 
     Raises:
-        InfeasibleError: where the port is taken.
+        InfeasibleError: if the port is in use.
         InvalidValueError: for a motion of another robot.
     """
     server = ViewerServer(pepper, access, port)

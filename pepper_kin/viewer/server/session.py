@@ -1,6 +1,6 @@
-"""The state behind the pages: one robot, its targets, its world and its motion.
+"""The state of the pages: a robot with its targets, scene and motion.
 
-Everything here belongs to one thread, that of the server's loop; what takes long is done by the worker.
+All of it belongs to the thread of the server's loop; long tasks are done by the worker.
 """
 
 from __future__ import annotations
@@ -36,19 +36,19 @@ from pepper_kin.viewer.server.tasks import LongTasks
 from pepper_kin.viewer.server.world import DrawnScene
 
 FREE, FOLLOWING, MOTION, LIVE = "free", "follow", "motion", "live"
-READING_STEP = 0.05  # [s] between two samples of the plots
-ON_THE_WAY = 0.4  # [s] after which a body that follows is said to
-SCENE_STEP = 0.04  # [s] between two worlds for the servo while an obstacle is dragged
+READING_STEP = 0.05  # [s]; time between two samples of the plots
+ON_THE_WAY = 0.4  # [s]; time after which the message says that the robot follows
+SCENE_STEP = 0.04  # [s]; time between two scenes for the servo while an obstacle is dragged
 ROBOT_ROOT, OBSTACLE_ROOT, MARKER_ROOT, GHOST_ROOT = ("robot",), ("obstacles",), ("markers",), ("ghost",)
 
 
 class LiveSession:
-    """What all pages see and change.
+    """The state that all pages show and change.
 
     Args:
-        pepper: The robot.
-        send: Takes drawing commands for the pages that are open.
-        tasks: Does what takes long.
+        pepper: Model of the robot.
+        send: Sends a drawing command to all open pages.
+        tasks: Executes long tasks.
     """
 
     def __init__(self, pepper: PepperModel, send: Callable[[bytes], None], tasks: LongTasks) -> None:
@@ -94,23 +94,23 @@ class LiveSession:
 
     @property
     def q(self) -> Array:
-        """Joint positions shown now, shape (n,) [rad or m]."""
+        """Present joint positions, shape (n,) [rad or m]."""
         return self._q
 
     @property
     def scene(self) -> Scene:
-        """The world around the robot."""
+        """Scene around the robot."""
         return self._world.scene
 
     def touch(self) -> None:
-        """Remember that something changed which poses and readings depend on."""
+        """Record a change that affects poses and readings."""
         self.targets.keep_with(self._q)
         self._unread = True
 
     # ---- joints
 
     def set_joint(self, name: str, value: float) -> None:
-        """Move one joint; the targets let go.
+        """Set a joint's position; the targets are released.
 
         Raises:
             UnknownNameError: for an unknown joint.
@@ -122,7 +122,7 @@ class LiveSession:
         self.set_joints(q)
 
     def set_joints(self, q: ArrayLike) -> None:
-        """Move all joints, shape (n,) [rad or m]; the targets let go.
+        """Set all joint positions, shape (n,) [rad or m]; the targets are released.
 
         Raises:
             InvalidValueError: for a wrong shape, NaN or infinity.
@@ -135,20 +135,20 @@ class LiveSession:
         self.touch()
 
     def posture(self, name: str) -> None:
-        """Take a named posture.
+        """Set a named posture.
 
         Raises:
             UnknownNameError: for an unknown posture.
         """
         self.set_joints(self.pepper.posture(name))
 
-    # ---- what is shown
+    # ---- display
 
     def show(self, layer: str, on: bool) -> None:
         """Show or hide a layer.
 
         Raises:
-            UnknownNameError: for a layer that this robot lacks.
+            UnknownNameError: for a layer that the robot does not have.
         """
         if layer not in self.available:
             raise UnknownNameError("layer", layer, self.available)
@@ -157,21 +157,21 @@ class LiveSession:
         self.touch()
 
     def set_markers(self, markers: tuple[Drawable, ...]) -> None:
-        """Replace the balls that mark places."""
+        """Replace the markers."""
         self.board.draw(MARKER_ROOT, markers)
 
     def say(self, text: str, kind: str = "info") -> None:
-        """Put a text into the message line; `kind` is "info", "good" or "bad"."""
+        """Show a text in the message line; `kind` is "info", "good" or "bad"."""
         self._messages += 1
         self.document.set("message", {"text": text, "kind": kind, "count": self._messages})
 
     def answer(self, text: str, kind: str) -> None:
-        """Say what somebody asked for: it stands until there is a new aim."""
+        """Show the outcome of a command, until the targets change."""
         self._answered = True
         self.say(text, kind)
 
     def _retract(self) -> None:
-        """Take back what was said of targets that are gone, and what is still being found out about them."""
+        """Clear the message about former targets, and invalidate pending results about them."""
         self.target_revision += 1
         self._answered = True
         self.say("")
@@ -179,7 +179,7 @@ class LiveSession:
     # ---- targets
 
     def move_target(self, name: str, position: Array, stamp: int = 0) -> None:
-        """Put a target somewhere, shape (3,) [m]; the body follows it where following is on.
+        """Move a target to a position, shape (3,) [m]; the robot follows it if following is on.
 
         Raises:
             UnknownNameError: for an unknown target.
@@ -192,7 +192,7 @@ class LiveSession:
         self._pursue()
 
     def release(self, name: str | None = None) -> None:
-        """Let one target go, or all of them: it returns to the hand or gaze.
+        """Release a target, or all targets, which return to the hand or gaze.
 
         Raises:
             UnknownNameError: for an unknown target.
@@ -207,7 +207,7 @@ class LiveSession:
             self._pursue()
 
     def set_follow(self, on: bool) -> None:
-        """Choose whether the body follows targets at once, or waits for a plan."""
+        """Set whether the robot follows targets at once, or waits for a plan."""
         self._follow = on
         if on and self.targets.any_on:
             self._pursue()
@@ -216,13 +216,13 @@ class LiveSession:
             self._retract()
 
     def servo_ready(self) -> None:
-        """Begin to follow: the servo is loaded."""
+        """Start to follow, as the servo is loaded."""
         self._servo_ready = True
         if self.targets.any_on:
             self._pursue()
 
     def _pursue(self) -> None:
-        """Let the body go after the targets as they are now."""
+        """Aim the live run or the follower at the present targets."""
         self.touch()
         if self._run is not None:
             self._run.aim(self.targets.tasks())
@@ -240,7 +240,7 @@ class LiveSession:
         self._follower.aim(self.targets.tasks())
 
     def _leave(self, mode: str) -> None:
-        """Change to another mode: free, following targets, a motion, or going to targets."""
+        """Change the mode: free, following targets, playing a motion, or a live run."""
         if self._playback is not None:
             self._playback.playing = False
         if mode != FOLLOWING:
@@ -249,13 +249,13 @@ class LiveSession:
             self._run = None
         self.mode = mode
 
-    # ---- the world
+    # ---- the scene
 
     def set_scene(self, scene: Scene) -> None:
-        """Replace the world.
+        """Replace the scene.
 
         Raises:
-            UnknownNameError: where an object hangs on a frame that the robot lacks.
+            UnknownNameError: for an object on a frame that the robot does not have.
         """
         self._world.replace(scene)
         for held in scene.attached.values():
@@ -266,7 +266,7 @@ class LiveSession:
         self.touch()
 
     def _carry(self, frame: str) -> None:
-        """Send the poses of a frame too."""
+        """Add a frame to the sent poses."""
         if frame not in self._links:
             self._links = (*self._links, frame)
             self._poses = BodyPoses(self.pepper, self._links, self.targets)
@@ -285,17 +285,17 @@ class LiveSession:
         self.set_scene(obstacles.changed(self.scene, name, position, size, color))
 
     def remove_obstacle(self, name: str) -> None:
-        """Remove an obstacle, or what the robot holds.
+        """Remove an obstacle or an attached object.
 
         Raises:
-            UnknownNameError: for an unknown one.
+            UnknownNameError: for an unknown object.
         """
         self.set_scene(self.scene.remove(name))
 
     # ---- motions
 
     def plan(self) -> None:
-        """Plan from here to the targets that are set; the outcome comes later, in the message line."""
+        """Plan from the present posture to the set targets; the outcome comes later, in the message line."""
         tasks = self.targets.tasks()
         if not tasks:
             self.answer("Nothing to plan to: set a target first, by dragging a colored ball.", "bad")
@@ -303,7 +303,7 @@ class LiveSession:
         self._tasks.plan(self, tasks)
 
     def go(self) -> None:
-        """Go to the targets that are set, now and around what is in the way, until they are let go."""
+        """Start a live run to the set targets, around obstacles, until they are released."""
         if not self.targets.any_on:
             self.answer("Nowhere to go: set a target first, by dragging a colored ball.", "bad")
             return
@@ -313,7 +313,7 @@ class LiveSession:
         self._pursue()
 
     def load(self, shown: Shown, play: bool) -> None:
-        """Show a motion, at its start, and perhaps play it."""
+        """Load a motion at its start, and play it if `play`."""
         self._leave(MOTION)
         self._retract()
         self._playback = playback = Playback(shown.motion)
@@ -342,15 +342,15 @@ class LiveSession:
         self._moving().seek(time)
 
     def set_speed(self, value: float) -> None:
-        """Set how fast the motion plays."""
+        """Set the speed of the playback."""
         self._moving(enter=False).set_speed(value)
 
     def set_loop(self, on: bool) -> None:
-        """Choose whether the motion starts again at its end."""
+        """Set whether the motion repeats."""
         self._moving(enter=False).loop = on
 
     def clear(self) -> None:
-        """Forget the motion; the body stays where it is."""
+        """Remove the motion; the robot stays where it is."""
         self._leave(FREE)
         self._retract()
         self._playback = None
@@ -377,7 +377,7 @@ class LiveSession:
 
     @property
     def resting(self) -> bool:
-        """Whether nothing happens until somebody does something."""
+        """Whether nothing changes until the next command."""
         if self._unread or self._scene_waits or self.alerts.pending:
             return False
         if self.mode == FOLLOWING and self._follower is not None:
@@ -388,12 +388,12 @@ class LiveSession:
 
     @property
     def wait(self) -> float:
-        """Time until something is due [s]."""
+        """Time until the next tick is due [s]."""
         follower = self._follower
         return 1.0 / RATE if follower is None or follower.resting else follower.wait
 
     def tick(self, seconds: float) -> None:
-        """Let wall time pass."""
+        """Advance the state by wall time [s]."""
         self._now += seconds
         if self._scene_waits and self._now - self._scene_at >= SCENE_STEP:
             self._scene_waits, self._scene_at = False, self._now
@@ -465,7 +465,7 @@ class LiveSession:
     # ---- for the pages
 
     def refresh(self) -> None:
-        """Bring the document up to date."""
+        """Update the document."""
         document = self.document
         document.set("q", np.round(self._q, 5).tolist())
         document.set("mode", self.mode)
@@ -476,12 +476,12 @@ class LiveSession:
         document.set("play", None if self._playback is None else self._playback.as_dict())
 
     def poses(self) -> bytes:
-        """Return where every body is, for the pages; see `BodyPoses`."""
+        """Return the packed poses of all bodies; see `BodyPoses`."""
         shown = self.document["show"]
         return self._poses.packed(self._q, self._v, self._a, shown, self.stamp, self.scene)
 
     def about(self) -> dict[str, Any]:
-        """Return what never changes: joints, limits, groups, postures, layers and targets."""
+        """Return the constant data: joints, limits, groups, postures, layers and targets."""
         return robot_facts(self.pepper, self.available) | {
             "targets": list(self.targets.names),
             "kinds": {kind: list(obstacles.size_names(kind)) for kind in obstacles.KINDS},
@@ -490,6 +490,6 @@ class LiveSession:
         }
 
     def fail(self, error: Exception) -> None:
-        """Say what went wrong."""
+        """Show an error in the message line."""
         known = isinstance(error, PepperKinError)
         self.say(str(error) if known else f"{type(error).__name__}: {error}", "bad")

@@ -1,4 +1,4 @@
-"""Fewer triangles for what moves, where the processor has to draw it."""
+"""Simplified drawables with fewer triangles, for software rendering of moving bodies."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from pepper_kin.viewer.server.merging import merged
 from pepper_kin.viewer.surface import DrawnSurface, capsule_surface
 
 SKETCHES = "sketches"
-"""The group that holds them; it is never drawn itself."""
+"""Name of the group of the simplified drawables."""
 TRIANGLES = 4500
-"""For the visual geometry of the whole robot: each takes about 1 us of processor time a frame."""
+"""Triangles of the robot's visual geometry: each takes about 1 us of processor time a frame."""
 _SEGMENTS, _RINGS = 8, 2
 _BALL_SEGMENTS, _BALL_RINGS = 12, 3
 
@@ -35,7 +35,7 @@ _BALL_SEGMENTS, _BALL_RINGS = 12, 3
 def sketches_of(
     pepper: PepperModel, layers: Mapping[str, tuple[Drawable, ...]]
 ) -> dict[str, tuple[Drawable, ...]]:
-    """Return stand-ins for layers, as `layers_of` returns them; layers that are missing need none."""
+    """Return simplified drawables of layers from `layers_of`; other layers need none."""
     unit = capsule_surface(1.0, 0.0, _SEGMENTS, _RINGS)
     ball = capsule_surface(1.0, 0.0, _BALL_SEGMENTS, _BALL_RINGS)
     return {
@@ -49,7 +49,7 @@ def sketches_of(
 
 
 def _rounded(drawable: Drawable, unit: DrawnSurface) -> Drawable:
-    """Return a ball or an ellipsoid along its own axes as a surface."""
+    """Return a sphere or an ellipsoid along its own axes as a surface."""
     geometry = drawable.geometry
     if isinstance(geometry, Sphere):
         semi = np.full(3, geometry.radius)

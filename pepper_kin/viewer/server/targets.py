@@ -1,4 +1,4 @@
-"""Targets that can be dragged: the hands and the point that is looked at."""
+"""Targets that can be dragged: the hands and the gaze."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from pepper_kin.model import PepperModel
 from pepper_kin.viewer.drawable import Color
 
 GAZE_DISTANCE = 0.5
-"""How far before the camera the gaze is held while nobody has set it [m]."""
+"""Distance of the gaze target from the camera while it is not set [m]."""
 GAZE_WEIGHT = 0.3
-"""A gaze that cannot be met must not pull the body away from the hands' targets."""
+"""Weight of the gaze: an unreachable gaze must not pull the robot away from the hands' targets."""
 
 CAMERA = "CameraTop_frame"
 _HANDS = {"left hand": "left", "right hand": "right"}
@@ -32,11 +32,11 @@ RADIUS = 0.03
 
 @dataclass
 class SharedTarget:
-    """One target.
+    """A target.
 
     Attributes:
-        position: Where it is in the world [m], shape (3,).
-        on: Whether the body is to reach it; otherwise it stays where the hand or gaze is.
+        position: Position in the world [m], shape (3,).
+        on: Whether the robot should reach it; otherwise it moves with the hand or gaze.
     """
 
     position: NDArray[np.float64]
@@ -47,7 +47,7 @@ class SharedTargets:
     """The targets that a robot can have, by name: "left hand", "right hand" and "gaze".
 
     Args:
-        pepper: The robot; one without hands or camera has fewer targets.
+        pepper: Model of the robot; without hands or camera it has fewer targets.
     """
 
     def __init__(self, pepper: PepperModel) -> None:
@@ -64,7 +64,7 @@ class SharedTargets:
 
     @property
     def any_on(self) -> bool:
-        """Whether the body is to reach any."""
+        """Whether the robot should reach any target."""
         return any(target.on for target in self._targets.values())
 
     def __getitem__(self, name: str) -> SharedTarget:
@@ -73,12 +73,12 @@ class SharedTargets:
         return self._targets[name]
 
     def release(self) -> None:
-        """Let all targets go."""
+        """Release all targets."""
         for target in self._targets.values():
             target.on = False
 
     def keep_with(self, q: NDArray[np.float64]) -> None:
-        """Move the targets that nobody has set to where hands and gaze are at q, shape (n,) [rad or m]."""
+        """Move the targets that are not set to hands and gaze at q, shape (n,) [rad or m]."""
         free = [name for name, target in self._targets.items() if not target.on]
         poses = frame_poses(self._pepper, q, [_FRAMES[name] for name in free])
         for name, pose in zip(free, poses, strict=True):
@@ -86,7 +86,7 @@ class SharedTargets:
             self._targets[name].position = pose[:3, 3] + ahead
 
     def tasks(self) -> list[Task]:
-        """Return what the servo and the planner are to do."""
+        """Return the tasks of the set targets."""
         return [_task(name, target) for name, target in self._targets.items() if target.on]
 
     def positions(self) -> NDArray[np.float64]:

@@ -19,11 +19,11 @@ _LOADING = (
 
 
 class LongTasks:
-    """Loads, plans and explains.
+    """Loading, planning and explaining, done by the worker.
 
     Args:
-        pepper: The robot.
-        worker: Does it.
+        pepper: Model of the robot.
+        worker: Worker that does the tasks.
     """
 
     def __init__(self, pepper: PepperModel, worker: Worker) -> None:
@@ -31,7 +31,7 @@ class LongTasks:
         self._begun = False
 
     def warm_up(self, session: LiveSession) -> None:
-        """Load what following needs, then what planning needs; once."""
+        """Load the machine code of following, then of planning, once."""
         if self._begun:
             return
         self._begun = True
@@ -55,9 +55,9 @@ class LongTasks:
         self._worker.do(lambda: planning.compile_planning(self._pepper), planner_is_there)
 
     def plan(self, session: LiveSession, tasks: list[Task]) -> None:
-        """Plan from where the session's body is to tasks, and load the motion into it.
+        """Plan from the session's posture to tasks, and load the motion into the session.
 
-        What comes of it is dropped where the targets were let go or the body was moved meanwhile.
+        The outcome is dropped if the targets were released or the robot was moved meanwhile.
 
         Raises:
             InvalidValueError: while another motion is being planned.
@@ -85,7 +85,7 @@ class LongTasks:
         self._worker.do(lambda: plan_motion(self._pepper, q, tasks, scene), done)
 
     def explain(self, session: LiveSession, tasks: list[Task]) -> None:
-        """Say why the body came to rest before its targets; see `why_no_closer`."""
+        """Show why the robot came to rest before its targets; see `why_no_closer`."""
         from pepper_kin.viewer.server.explaining import why_no_closer
 
         q, scene, target_revision = session.q.copy(), session.scene, session.target_revision

@@ -1,4 +1,4 @@
-"""Names of bodies and joints as a visitor of the page would say them."""
+"""Names of bodies and joints for visitors of the page."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ _PARTS = {
 _JOINTS = {"Knee": "knee", "Hip": "hip", "Head": "neck"}
 _LIMBS = {"Shoulder": "shoulder", "Elbow": "elbow", "Wrist": "wrist", "Hand": "hand"}
 MOST_PAIRS = 3
-"""Pairs that touch and are named; of more only the number is given."""
+"""Maximum number of touching pairs that are named; of more only the number is given."""
 
 _MOTIONS = ("Pitch", "Roll", "Yaw", "")
 
 
 def body_words(name: str) -> str:
-    """Return what to call a link or an object, such as "the left forearm" or "the table"."""
+    """Return words for a link or an object, such as "the left forearm" or "the table"."""
     side, part = _SIDES.get(name[:1]), _PARTS.get(name[1:])
     if side is not None and part is not None:
         return f"the {side} {part}"
@@ -43,12 +43,12 @@ def body_words(name: str) -> str:
         return f"the {_BODIES[name]}"
     if name.startswith("Wheel"):
         return "the base"
-    # "the box 1" is not English, nor is an article before a proper name.
+    # Names with numbers ("box 1") and proper names have no article.
     return name if name[-1:].isdigit() or name[:1].isupper() else f"the {name}"
 
 
 def joint_words(name: str) -> str:
-    """Return what to call a joint, such as "the left elbow (LElbowRoll)"."""
+    """Return words for a joint, such as "the left elbow (LElbowRoll)"."""
     for motion in _MOTIONS:
         stem = name.removesuffix(motion)
         if stem in _JOINTS:
@@ -59,13 +59,13 @@ def joint_words(name: str) -> str:
 
 
 def pair_words(pepper: PepperModel, pair: Contact | ClosestPair) -> tuple[str, str]:
-    """Return what to call the two of a pair, the one that moves farther from the base first."""
+    """Return words for both bodies of a pair, the one with more joints from the base first."""
     names = sorted(zip(pair.names, pair.links, strict=True), key=lambda item: -_depth(pepper, item[1]))
     return body_words(names[0][0]), body_words(names[1][0])
 
 
 def length_words(length: float) -> str:
-    """Return a length [m] in the unit that suits it, such as "4 mm", "12 cm" or "1.9 m"."""
+    """Return a length [m] as text in a suitable unit, such as "4 mm", "12 cm" or "1.9 m"."""
     if length < 0.0195:
         return f"{1000 * length:.0f} mm"
     return f"{100 * length:.0f} cm" if length < 0.995 else f"{length:.1f} m"
@@ -83,7 +83,7 @@ def sentence(text: str) -> str:
 
 
 def contact_words(pepper: PepperModel, found: Iterable[Contact]) -> str:
-    """Return what touches what as a sentence; empty where nothing does."""
+    """Return the contacts as a sentence; "" for none."""
     pairs: dict[str, list[str]] = {}
     for contact in found:
         subject, other = pair_words(pepper, contact)
@@ -100,7 +100,7 @@ def contact_words(pepper: PepperModel, found: Iterable[Contact]) -> str:
 
 
 def _depth(pepper: PepperModel, link: str | None) -> int:
-    """Return how many joints lie between a link and the world; -1 for what stands in the world."""
+    """Return the number of joints between a link and the world; -1 for an object in the world."""
     if link is None:
         return -1
     model = pepper.inner_model

@@ -1,4 +1,4 @@
-"""A thread for what takes long: compiling, planning, curves."""
+"""A thread for long jobs: compiling, planning, curves."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Then = Callable[[Any, Exception | None], None]
 
 
 class Worker:
-    """Does one job after the other.  It does not keep Python from ending.
+    """A thread that does one job after the other, and does not keep Python from ending.
 
     Args:
         deliver: Runs a function in the thread that owns the results.
@@ -25,11 +25,11 @@ class Worker:
         self._thread.start()
 
     def do(self, job: Job, then: Then) -> None:
-        """Do a job; `then` gets its result, or the error that it raised, in the owner's thread."""
+        """Queue a job; `then` gets its result or its error, in the owner's thread."""
         self._jobs.put((job, then))
 
     def stop(self) -> None:
-        """Begin no further job."""
+        """Stop after the present job and the queued ones."""
         self._jobs.put(None)
 
     def _run(self) -> None:
@@ -38,6 +38,6 @@ class Worker:
             result, fault = None, None
             try:
                 result = job()
-            except Exception as error:  # whoever asked for the job hears of it
+            except Exception as error:  # passed to `then`
                 fault = error
             self._deliver(lambda then=then, result=result, fault=fault: then(result, fault))  # type: ignore[misc]

@@ -1,4 +1,4 @@
-"""The scene as pages see it: objects that stand around the robot and what it holds."""
+"""The scene of the pages: objects around the robot, and attached objects."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from pepper_kin.viewer.server.board import Board, Root
 
 
 class DrawnScene:
-    """A scene that is drawn: of a new one only what changed is drawn again.
+    """A drawn scene: when it is replaced, only changed objects are drawn again.
 
     Args:
-        pepper: The robot.
-        board: Where it is drawn.
+        pepper: Model of the robot.
+        board: Board to draw on.
         objects_root: Path of the group for objects of the world.
-        held_root: Path of the group for what the robot holds.
+        held_root: Path of the group for attached objects.
     """
 
     def __init__(self, pepper: PepperModel, board: Board, objects_root: Root, held_root: Root) -> None:
@@ -24,10 +24,10 @@ class DrawnScene:
         self.scene = Scene()
 
     def replace(self, scene: Scene) -> None:
-        """Take another scene.
+        """Replace the scene.
 
         Raises:
-            UnknownNameError: where an object hangs on a frame that the robot lacks.
+            UnknownNameError: for an object on a frame that the robot does not have.
         """
         for held in scene.attached.values():
             self._pepper.frame_id(held.frame)
