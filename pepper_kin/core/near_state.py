@@ -71,8 +71,8 @@ class NearWorld(NamedTuple):
         full_offset: e, shape (n_full,).
         others: Call-back for distances that machine code does not know.
         places: Row in `seen` of each pair whose distance machine code never knows, else -1, shape (m,).
-        seen: Last distance of each pair in `places`, inf while unknown, then its configuration, shape (u, 1 +
-            n).
+        seen: Last distance of each pair in `places`, inf while unknown, then its configuration,
+            shape (u, 1 + n).
     """
 
     examined: bool

@@ -59,8 +59,8 @@ class Bodies(NamedTuple):
         pairs: The two bodies of each pair, a half-space second, shape (P, 2).
         paddings: How far the bodies of each pair reach beyond their solids [m], shape (P,).
         growth: Rate at which the distance of each pair shrinks with time [m/s], shape (P,).
-        first: Offset in `joints` of each pair's joints, which move one body against the other, shape (P +
-            1,).
+        first: Offset in `joints` of each pair's joints, which move one body against the other,
+            shape (P + 1,).
         joints: Indices of the joints of all pairs.
         sides: Which body of the pair each entry of `joints` moves, 0 or 1.
     """

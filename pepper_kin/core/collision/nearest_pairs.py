@@ -36,8 +36,8 @@ class NearestWorkspace(NamedTuple):
         frames: Poses of F frames, states contiguous: origin, x, y and z axis, shape (F, 12, K).
         cores: Poses of the bodies' cores, shape (B, 12, K); axes x and y of points and segments are not
             written.
-        square: Squared distances of two bodies' centers, and of each center to the other's core, shape (3,
-            K).
+        square: Squared distances of two bodies' centers, and of each center to the other's core,
+            shape (3, K).
         pair: Poses of the two cores that are compared at a state, shape (2, 12).
         near: Nearest points and direction of the two cores, see `measure`, shape (3, 3).
         work: Workspace of `measure`.

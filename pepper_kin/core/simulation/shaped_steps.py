@@ -128,8 +128,8 @@ def shaped_steps(
         span: Steps, blocks and shape of commands.
         robots: The robots, in B blocks.
         space: Workspace.
-        state: Position, velocity, torque, command [rad or m], its speed, target, and external load [N m or
-            N], shape (7, B, m); changed.
+        state: Position, velocity, torque, command [rad or m], its speed, target, and external load
+            [N m or N], shape (7, B, m); changed.
         sent: Shaping and delay of commands; changed.
         bodies: Free bodies and contacts of the robots; changed.
         world: Tables of a world, used for one robot at a time.
