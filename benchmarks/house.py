@@ -35,7 +35,7 @@ ALGEBRA = "core/linear_algebra.py"
 EDITS = [
     ("nothing", None, "", "", "home page's program", HOME),
     ("a comment", ALGEBRA, "import math\n", "import math  # a comment\n", "home page's program", HOME),
-    ("a docstring", ALGEBRA, '"""Return sum', '"""Return the sum', "home page's program", HOME),
+    ("a docstring", ALGEBRA, '"""Return', '"""At once return', "home page's program", HOME),
     ("a constant", LOCAL, "RAISE = 4.0", "RAISE = 4.5", "one IK", IK),
     ("a constant", BALLS, "1.0 + 2.0**-22", "1.0 + 2.0**-21", "home page's program", HOME),
 ]
