@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pepper_kin.arrays import Array
 from pepper_kin.collision.bodies import (
-    Body,
+    CollisionBody,
     may_touch_in_world,
     moving_bodies,
     moving_pairs,
@@ -41,7 +41,7 @@ class MovingParts:
         classes: Pairs (indices in `solids`) of the robot with itself, by limbs of the robot.
     """
 
-    bodies: tuple[Body, ...]
+    bodies: tuple[CollisionBody, ...]
     solids: tuple[Solid, ...]
     classes: tuple[tuple[tuple[int, int], ...], ...]
 
@@ -212,7 +212,7 @@ def _moving(
 
 
 @kept_within(MOST_BYTES / 4, lambda solid, body: bytes_of(solid, body.geometry))
-def _solid_of_body(body: Body) -> Solid:
+def _solid_of_body(body: CollisionBody) -> Solid:
     """Return a moving body's solid for compiled code, cached."""
     return solid_of(body.owner, body.geometry, body.joint, body.pose)
 
