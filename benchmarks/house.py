@@ -12,6 +12,8 @@ import subprocess
 import sys
 import tempfile
 import time
+import tokenize
+from collections import Counter
 from collections.abc import Iterator
 from importlib.metadata import Distribution, distribution
 from pathlib import Path
@@ -35,7 +37,7 @@ ALGEBRA = "core/linear_algebra.py"
 EDITS = [
     ("nothing", None, "", "", "home page's program", HOME),
     ("a comment", ALGEBRA, "import math\n", "import math  # a comment\n", "home page's program", HOME),
-    ("a docstring", ALGEBRA, '"""Return sum', '"""Return the sum', "home page's program", HOME),
+    ("a docstring", ALGEBRA, '"""Return', '"""At once return', "home page's program", HOME),
     ("a constant", LOCAL, "RAISE = 4.0", "RAISE = 4.5", "one IK", IK),
     ("a constant", BALLS, "1.0 + 2.0**-22", "1.0 + 2.0**-21", "home page's program", HOME),
 ]
@@ -245,6 +247,15 @@ calls = {
     "`ik.solve`": lambda: pk.ik.solve(pepper, tasks),
     "`Servo.step`": lambda: servo.step(),
 }
+if hasattr(pk.motion, "LiveMotion"):  # a commit that has both
+    from pepper_kin.learning import PepperVectorEnv
+
+    env, live = PepperVectorEnv(8, "Reach"), pk.motion.LiveMotion(pepper, stand)
+    env.reset(seed=0)
+    live.set_goal(goal)
+    moves = np.zeros(env.action_space.shape, np.float32)
+    calls["`env.step`"] = lambda: env.step(moves)
+    calls["`LiveMotion`, a cycle"] = lambda: (live.set_scene(scene, 0.0), live.step(0.0))
 for name, call in calls.items():
     call()
     files = set()
@@ -255,6 +266,12 @@ for name, call in calls.items():
 """
 
 
+NO_CODE = {
+    tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER,
+    tokenize.ENCODING,
+}  # fmt: skip
+
+
 def modules(package: Path) -> dict[str, ast.Module]:
     """Return the syntax trees of the package by the names of its modules."""
     trees = {}
@@ -262,7 +279,7 @@ def modules(package: Path) -> dict[str, ast.Module]:
         parts = path.relative_to(package.parent).with_suffix("").parts
         name = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
         trees[name] = ast.parse(path.read_text("utf-8"))
-        trees[name].is_package = parts[-1] == "__init__"
+        trees[name].is_package, trees[name].path = parts[-1] == "__init__", path
     return trees
 
 
@@ -320,20 +337,44 @@ def lines(folder: Path) -> int:
     return sum(path.read_bytes().count(b"\n") for path in folder.rglob("*.py"))
 
 
+def code_lines(path: Path, tree: ast.Module) -> tuple[int, int]:
+    """Return the lines with tokens but those of docstrings and comments, and how many of them are imports."""
+    nodes = list(ast.walk(tree))
+    strings = [n for n in nodes if isinstance(n, ast.Expr) and isinstance(n.value, ast.Constant)]
+    strings = [n for n in strings if isinstance(n.value.value, str)]
+    imported = [n for n in nodes if isinstance(n, ast.Import | ast.ImportFrom)]
+    docs, imports = (
+        {line for node in some for line in range(node.lineno, node.end_lineno + 1)}
+        for some in (strings, imported)
+    )
+    with path.open("rb") as file:
+        tokens = [token for token in tokenize.tokenize(file.readline) if token.type not in NO_CODE]
+    code = {line for token in tokens for line in range(token.start[0], token.end[0] + 1)} - docs
+    return len(code), len(code & imports)
+
+
 def counted_of(commit: str | None) -> dict[str, int]:
     """Return each row's number for a commit, or for the sources here."""
     with tempfile.TemporaryDirectory() as place:
         layout = laid_out(commit, Path(place) / "copy")
-        package, tests = layout / "pepper_kin", HERE / "tests"
+        package, others = layout / "pepper_kin", HERE
         if commit is not None:
-            tests = laid_out(commit, Path(place), "tests") / "tests"
+            others = laid_out(commit, Path(place), "tests", "benchmarks")
         trees = modules(package)
         arrows = {name: list(imports(name, tree, set(trees))) for name, tree in trees.items()}
         run = {name: set().union(*(to for to, _, typed in f if not typed)) for name, f in arrows.items()}
         every = {name: set().union(*(to for to, _, _ in found)) for name, found in arrows.items()}
+        own = [code_lines(t.path, t) for name, t in trees.items() if not name.startswith("pepper_kin.urdf")]
+        classes = Counter(n.name for t in trees.values() for n in ast.walk(t) if isinstance(n, ast.ClassDef))
         result = {
             "lines of library and planners": lines(package) - lines(package / "urdf"),
-            "lines of tests": lines(tests),
+            "lines with code of library and planners": sum(code for code, _ in own),
+            "share of imports in them [%]": round(
+                100 * sum(i for _, i in own) / sum(code for code, _ in own), 1
+            ),
+            "lines of tests": lines(others / "tests"),
+            "lines of benchmarks": lines(others / "benchmarks"),
+            "class names that stand twice": sum(count > 1 for count in classes.values()),
             "imports of our own in functions": sum(inside for f in arrows.values() for _, inside, _ in f),
             "circles of files": len(circles(run)),
             "circles of files, imports for types counted": len(circles(every)),

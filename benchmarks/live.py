@@ -300,7 +300,7 @@ def line(name, values, scale, unit="", more=""):
     )
 
 
-@figures("live.md", runs=1)
+@figures("benchmarks/live.md", runs=1)
 def live_runs(runs: int = 10_000, seed: int = 0) -> Iterator[tuple | str]:
     """Live motions among obstacles as predicted, and as many among others, in simulated time."""
     pepper, rng = pk.load_pepper().with_requirements("limits"), np.random.default_rng(seed)
@@ -310,7 +310,7 @@ def live_runs(runs: int = 10_000, seed: int = 0) -> Iterator[tuple | str]:
             yield from among_boxes(pepper, rng, min(100, runs - done), off)
 
 
-@figures("live.md", "ruckig", count=1_000)
+@figures("benchmarks/live.md", "ruckig", count=1_000)
 def live(count: int = 1_000_000) -> Iterator[tuple | str]:
     """Stops from any instant of a motion, new goals without one, moved scenes.
 
@@ -454,7 +454,7 @@ def at(motion: pk.Trajectory, times: np.ndarray) -> np.ndarray:
     return motion(np.clip(times, 0.0, motion.duration)).position
 
 
-@figures("live.md", runs=2)
+@figures("benchmarks/live.md", runs=2)
 def two_robots(runs: int = 100, seed: int = 0) -> Iterator[tuple]:
     """Two Peppers face each other and reach with hands that cross: contacts and arrivals in many runs.
 
