@@ -1,4 +1,4 @@
-"""Types of arrays and curves for annotations, arrays that nobody can write to, and values in brief."""
+"""Array types for annotations, read-only arrays, and short representations of values."""
 
 from __future__ import annotations
 
@@ -19,35 +19,35 @@ Array: TypeAlias = NDArray[np.float64]
 
 @runtime_checkable
 class PiecewiseCubic(Protocol):
-    """Any piecewise cubic curve, such as `pepper_kin.planners.SmoothPath`.
+    """Piecewise cubic curve, such as `pepper_kin.planners.SmoothPath`.
 
-    On piece i, where breaks[i] <= s <= breaks[i + 1],
+    On segment i, where breaks[i] <= s <= breaks[i + 1],
         q(s) = sum_p coefficients[i, p] (s - breaks[i])^p,   p = 0 ... 3: constant term first.
     """
 
     @property
     def breaks(self) -> Array:
-        """Ends of the pieces, rising, shape (m + 1,)."""
+        """Ends of the segments in ascending order, shape (m + 1,)."""
 
     @property
     def coefficients(self) -> Array:
-        """Constant term first, shape (m, 4, n)."""
+        """Coefficients, constant term first, shape (m, 4, n)."""
 
 
 def read_only(array: ArrayLike, dtype: DTypeLike = float) -> NDArray[Any]:
-    """Copy an array of numbers, of any shape, to memory that cannot be written to.
+    """Copy an array of numbers, of any shape, to read-only memory.
 
-    The memory is that of a `bytes`, so `setflags(write=True)` raises an error.
+    The memory belongs to a `bytes` object, so `setflags(write=True)` raises an error.
     """
     values = np.asarray(array, dtype=dtype)
     return np.ndarray(values.shape, values.dtype, buffer=values.tobytes())
 
 
 def kept_read_only(array: ArrayLike) -> Array:
-    """Return an array of any shape as a read-only one of float64.
+    """Return an array of any shape as a read-only array of float64.
 
-    It is the array itself where that is of float64, may not be written to, and has its own memory or that of
-    a `bytes`; else a copy.
+    The result is the array itself if it is a read-only array of float64 with its own memory or a `bytes`
+    object's; else a copy.
     """
     if (
         type(array) is np.ndarray
@@ -60,20 +60,20 @@ def kept_read_only(array: ArrayLike) -> Array:
 
 
 LINE = 110
-"""Characters of a line at most."""
+"""Maximum number of characters of a line."""
 _FIRST = ("status", "success", "duration", "max_error", "errors", "failures", "message")
-_FEW = 3  # numbers that are written out
+_FEW = 3  # maximum number of items that are written out
 
 
 class BriefRepr:
-    """A dataclass whose `repr` has at most two lines: what a person wants to know first, arrays by shape.
+    """A dataclass whose `repr` has at most two lines: the most important values first, arrays by shape.
 
-    It begins with those of status, success, duration, errors and message that the class has, properties among
-    them; then the fields follow, as far as there is room.
+    It begins with status, success, duration, errors and message, as far as the class has them as fields or
+    properties; other fields follow while there is room.
     """
 
     def __init_subclass__(cls, **options: Any) -> None:
-        """Set the method before `dataclass` looks for one."""
+        """Set `__repr__` before `dataclass` adds its own."""
         super().__init_subclass__(**options)
         if "__repr__" not in cls.__dict__:
             cls.__repr__ = brief  # type: ignore[method-assign]
@@ -96,7 +96,7 @@ def brief(value: Any) -> str:
 
 
 def _parts(value: Any) -> Iterator[str]:
-    """Yield what is said of a dataclass, the most important first."""
+    """Yield the texts of a dataclass's values, the most important first."""
     shown = {field.name for field in fields(value) if field.repr}
     names = [
         name for name in _FIRST if name in shown or isinstance(getattr(type(value), name, None), property)
@@ -106,14 +106,14 @@ def _parts(value: Any) -> Iterator[str]:
     for name in (*names, *(field.name for field in fields(value) if field.repr and field.name not in names)):
         try:
             text = _words(name, getattr(value, name))
-        except Exception:  # of a property that cannot be computed: a repr never raises
+        except Exception:  # a property that cannot be computed is left out, since a repr must not raise
             text = ""
         if text:
             yield text
 
 
 def _words(name: str, item: Any) -> str:
-    """Return a field in words; "" for what says nothing."""
+    """Return a field as text; "" for a value without information."""
     label = name.replace("_", " ")
     match item:
         case None:
@@ -140,7 +140,7 @@ def _words(name: str, item: Any) -> str:
 
 
 def _many(name: str, label: str, items: Mapping[Any, Any] | Sequence[Any]) -> str:
-    """Return several things in words: names of joints by their number, few short ones each."""
+    """Return several items as text: joint names as a count, a few short items in full."""
     if name == "joint_names":
         return f"{len(items)} joints"
     if name in ("joint_units", "units") or not len(items):
@@ -154,7 +154,7 @@ def _many(name: str, label: str, items: Mapping[Any, Any] | Sequence[Any]) -> st
 class FrozenArrays(BriefRepr):
     """A frozen value whose arrays are read-only in copies, too.
 
-    NumPy forgets that an array is read-only where it is pickled or copied deeply.
+    NumPy drops the read-only flag of an array that is pickled or copied deeply.
     """
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -163,7 +163,7 @@ class FrozenArrays(BriefRepr):
 
 
 def _frozen(value: Any) -> Any:
-    """Return arrays, and those in tuples and dictionaries, as read-only ones; anything else as it is."""
+    """Return a value with its arrays, also in tuples and dictionaries, made read-only."""
     if type(value) is tuple:
         return tuple(map(_frozen, value))
     if type(value) is dict:

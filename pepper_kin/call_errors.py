@@ -1,4 +1,4 @@
-"""Answers to calls that Python refuses without saying what is right: unknown options, no robot, modules."""
+"""Helpful errors for wrong calls: unknown options, a missing robot, modules called as functions."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from pepper_kin.exceptions import CallError, InvalidValueError
 
 _UNKNOWN = re.compile(r"(?:.*\.)?(\w+)\(\) got an unexpected keyword argument '(\w+)'")
 _OPTIONS = 2
-"""Arguments with a default from which on a function's calls are looked at: those without run as they are."""
+"""Minimum number of arguments with a default for which a function without a robot is wrapped."""
 
 
 _QUICK = {f"pepper_kin.{name}" for name in ("batch", "collision", "dynamics", "kinematics")}
-"""Packages whose functions take a few microseconds, and half as much again if they answered."""
+"""Packages that are not wrapped: their functions take a few microseconds, and wrapping adds half as much."""
 _STEPS = {"step"}
-"""Methods of loops."""
+"""Methods that are not wrapped, since loops call them."""
 
 
 class AnsweringPackage(ModuleType):
-    """A package that names its functions where it is called as if it were one of them."""
+    """A package that raises an error with its functions if it is called."""
 
     def __call__(self, *args: object, **kwargs: object) -> NoReturn:
-        """Refuse it.
+        """Refuse the call.
 
         Raises:
-            CallError: with the package's functions.
+            CallError: with the names of the package's functions.
         """
         names = [name for name in self.__all__ if name.islower()]
         short = self.__name__.rpartition(".")[2]
@@ -37,13 +37,13 @@ class AnsweringPackage(ModuleType):
 
 
 def name_options(package: str) -> None:
-    """Let calls of a package's public functions and classes name their options, and where the robot belongs.
+    """Wrap a package's public functions and classes so that wrong calls name their options or the robot.
 
-    A call costs some 1 µs more.  Functions that take no more than a few are left as they are, and so are
-    those without a robot and with fewer than two options.
+    A wrapped call costs about 1 µs more. Functions that take only a few microseconds, and functions without a
+    robot and with fewer than two options, are not wrapped.
 
     Args:
-        package: Its `__name__`; names of `__all__` that it does not have yet are left to `lazily`.
+        package: `__name__` of the package; names in `__all__` that are not loaded yet are left to `lazily`.
     """
     module = sys.modules[package]
     module.__class__ = AnsweringPackage
@@ -53,7 +53,7 @@ def name_options(package: str) -> None:
 
 
 def with_named_options(value: Any, package: str) -> Any:
-    """Return a function that answers as `name_options` says; a class gets such methods, others stay."""
+    """Return a function, or a class with methods, wrapped as in `name_options`; other values unchanged."""
     if isinstance(value, FunctionType) and package not in _QUICK and _takes_options(value):
         return _answering(value, package)
     if inspect.isclass(value) and value.__module__.startswith("pepper_kin"):
@@ -67,6 +67,7 @@ def with_named_options(value: Any, package: str) -> Any:
 
 
 def _takes_options(function: FunctionType) -> bool:
+    """Whether a function has options or a robot as an argument, and is not wrapped yet."""
     code = function.__code__
     count = len(function.__defaults__ or ()) + len(function.__kwdefaults__ or ())
     takes_robot = "pepper" in code.co_varnames[: min(2, code.co_argcount)]
@@ -76,6 +77,8 @@ def _takes_options(function: FunctionType) -> bool:
 
 
 def _answering(function: FunctionType, package: str) -> Any:
+    """Return a function that raises a more helpful error for an unknown option or a missing robot."""
+
     @functools.wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
         try:
@@ -91,12 +94,12 @@ def _answering(function: FunctionType, package: str) -> Any:
 
 
 def _unknown_option(error: Exception, function: FunctionType, kwargs: dict[str, Any]) -> CallError | None:
-    """Return the error that names what may be given; None where something else is wrong."""
+    """Return an error with the known arguments if an argument is unknown; else None."""
     found, trace = _UNKNOWN.match(str(error)), error.__traceback__
     if type(error) is not TypeError or found is None or trace is None or found[2] not in kwargs:
         return None
     parameters = dict(inspect.signature(function).parameters)
-    if trace.tb_next is not None:  # options that it passes on
+    if trace.tb_next is not None:  # the function passes its options to another one
         while trace.tb_next is not None:
             trace = trace.tb_next
         called = trace.tb_frame.f_globals.get(found[1])
@@ -110,7 +113,7 @@ def _unknown_option(error: Exception, function: FunctionType, kwargs: dict[str, 
 
 
 def _no_robot(function: FunctionType, args: tuple[Any, ...]) -> InvalidValueError | None:
-    """Return the error that says where the robot belongs; None where it is there."""
+    """Return an error that says where the robot belongs if it is missing; else None."""
     names = function.__code__.co_varnames
     place = int(names[0] != "pepper")
     if names[place : place + 1] != ("pepper",) or len(args) <= place or args[place] is None:

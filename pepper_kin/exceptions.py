@@ -1,8 +1,8 @@
 """Errors that this library raises on misuse.
 
-Every child of `PepperKinError` carries what was wrong as attributes, so that a program can react to it, and
-says it in one sentence that also lists what would have been right.  "Not found" (no IK solution, no path) is
-never raised: it is a status in a result.
+Every subclass of `PepperKinError` has attributes, so that a program can react, and a message of one sentence
+that also lists the allowed values.  "Not found" (no IK solution, no path) is never raised: it is a status in
+a result.
 
     PepperKinError                            the base of all errors
     InvalidValueError, UnknownNameError, LimitError   a value that is not allowed
@@ -34,24 +34,24 @@ __all__ = [
 ]
 
 LONGEST_VALUE = 80
-"""Characters of a bad value that a message shows at most."""
+"""Maximum number of characters of an invalid value in a message."""
 
 
 def shortened(value: object) -> str:
     """Return a value as text on one line, cut at `LONGEST_VALUE` characters with "..." at the end."""
     try:
         text = " ".join(str(value).split())
-    except (ValueError, RecursionError):  # whole numbers of thousands of digits, lists without end
+    except (ValueError, RecursionError):  # integers of thousands of digits, lists that contain themselves
         text = f"a value of type {type(value).__name__} that is too long to be shown"
     return text if len(text) <= LONGEST_VALUE else text[: LONGEST_VALUE - 3] + "..."
 
 
 LONGEST_REASON = 600
-"""Characters of a reason that a message gives at most; the middle of a longer one is left out."""
+"""Maximum number of characters of a reason in a message; the middle of a longer one is left out."""
 
 
 def _within_reason(reason: str) -> str:
-    """Return a reason whose middle is left out where it is longer than LONGEST_REASON."""
+    """Return a reason, without its middle if it is longer than LONGEST_REASON."""
     if len(reason) <= LONGEST_REASON:
         return reason
     half = LONGEST_REASON // 2
@@ -61,13 +61,13 @@ def _within_reason(reason: str) -> str:
 def beside_limits(value: float, *limits: float, outside: bool = False, digits: int = 4) -> list[str]:
     """Return a value and its limits as text, all with the same number of digits.
 
-    Rounded alike, a value within its limits reads as within them.
+    With equal rounding, a value within its limits also reads as within them.
 
     Args:
         value: The value.
-        limits: Its limits.
-        outside: Whether the value is beyond one of them: as many digits are shown as tell it from each.
-        digits: Least number of significant digits.
+        limits: Limits of the value.
+        outside: Whether the value is beyond a limit: then it gets enough digits to differ from each limit.
+        digits: Minimum number of significant digits.
     """
     for count in range(digits, 17):
         text, *others = (f"{number:.{count}g}" for number in (value, *limits))
@@ -77,16 +77,16 @@ def beside_limits(value: float, *limits: float, outside: bool = False, digits: i
 
 
 def did_you_mean(name: object, available: Iterable[object]) -> str:
-    """Return " (did you mean 'HeadYaw'?)" with the known name that is most like a wrong one; "" if none is.
+    """Return " (did you mean 'HeadYaw'?)" with the known name most similar to a wrong one; "" without one.
 
     Args:
         name: The wrong name.
-        available: All known names; upper and lower case count as alike.
+        available: All known names; case is ignored.
     """
     from difflib import get_close_matches
 
     if len(str(name)) > LONGEST_VALUE:
-        return ""  # comparing takes time in proportion to both lengths
+        return ""  # the time of comparing is proportional to both lengths
     known = {str(other).lower(): str(other) for other in reversed(tuple(available))}
     match = get_close_matches(str(name).lower(), known, n=1, cutoff=0.7)
     return f" (did you mean {known[match[0]]!r}?)" if match else ""
@@ -96,15 +96,16 @@ class PepperKinError(Exception):
     """Base of all errors of pepper_kin."""
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Travel between processes with the sentence and the attributes, not through `__init__`."""
+        """Pickle by message and attributes instead of the arguments of `__init__`."""
         return _restored, (type(self), self.args, self.__dict__)
 
 
 def _restored(
     kind: type[PepperKinError], args: tuple[Any, ...], attributes: dict[str, Any]
 ) -> PepperKinError:
+    """Return a pickled error with its message and attributes."""
     error = kind.__new__(kind, *args)
-    error.args = args  # those that are an OSError too take them in `__init__` alone
+    error.args = args  # errors that are an OSError as well set it only in `__init__`
     error.__dict__.update(attributes)
     return error
 
@@ -114,8 +115,8 @@ class InvalidValueError(PepperKinError, ValueError):
 
     Attributes:
         quantity: Name of the argument.
-        value: The value refused (or the part of it that is wrong); the message shows 80 characters of it.
-        allowed: What would have been accepted, in words.
+        value: Refused value, or its wrong part; the message shows 80 characters.
+        allowed: Allowed values in words.
     """
 
     def __init__(self, quantity: str, value: object, allowed: str) -> None:
@@ -124,15 +125,15 @@ class InvalidValueError(PepperKinError, ValueError):
 
 
 class UnknownNameError(PepperKinError, KeyError):
-    """A joint, frame, posture, group, ... has no such name; the message suggests the one most like it.
+    """A name of a joint, frame, posture, group, ... is unknown; the message suggests the most similar one.
 
     Attributes:
-        kind: What was looked up ("joint", "frame", ...).
+        kind: Kind of the name ("joint", "frame", ...).
         name: The unknown name.
         available: All known names.
 
     Args:
-        advice: Added to the message, with what separates it: what to do where no name is known.
+        advice: Text appended to the message with its separator, such as advice if no name is known.
     """
 
     def __init__(self, kind: str, name: object, available: Iterable[str], advice: str = "") -> None:
@@ -142,16 +143,16 @@ class UnknownNameError(PepperKinError, KeyError):
         super().__init__(f"unknown {kind} {shortened(repr(name))}{hint}; available: {known}{advice}")
 
     def __str__(self) -> str:
-        """Return the sentence itself (KeyError would quote it)."""
+        """Return the message without the quotes of KeyError."""
         return str(self.args[0])
 
 
 class CallError(PepperKinError, TypeError):
-    """A function does not take an argument of this name, or what is called is no function.
+    """A function does not take an argument of a name, or a module is called.
 
     Attributes:
-        name: The unknown name; of a module, its own.
-        available: What could be given, or called.
+        name: Unknown name of the argument, or name of the module.
+        available: Known arguments, or functions of the module.
     """
 
     def __init__(self, reason: str, name: str, available: Iterable[str]) -> None:
@@ -161,12 +162,12 @@ class CallError(PepperKinError, TypeError):
 
 
 def suspect_degrees(value: float, unit: str = "rad") -> str:
-    """Return a question about an angle beyond a whole turn [rad]; empty for others."""
+    """Return a question about an angle beyond a whole turn [rad]; empty for other values."""
     return "; degrees? use numpy.radians" if unit == "rad" and 2 * math.pi < abs(value) <= 360 else ""
 
 
 def suspect_millimeters(length: float) -> str:
-    """Return a question about a length beyond 50 m; empty for others."""
+    """Return a question about a length beyond 50 m; empty for other values."""
     return "positions are in meters; millimeters?" if abs(length) > 50.0 else ""
 
 
@@ -174,9 +175,9 @@ class LimitError(PepperKinError, ValueError):
     """A joint's value lies outside its limits.
 
     Attributes:
-        quantity: What was checked ("start position", "goal velocity", ...).
+        quantity: Checked quantity ("start position", "goal velocity", ...).
         joint: Name of the joint.
-        value: Its value.
+        value: Value of the joint.
         lower: Lower limit.
         upper: Upper limit.
         unit: Unit of the three numbers.
@@ -210,12 +211,12 @@ class OvershootWarning(UserWarning):
 
 
 class FileFormatError(PepperKinError):
-    """A file cannot be read or does not hold what it should.
+    """A file cannot be read or has invalid contents.
 
     Attributes:
         path: The file.
-        reason: What is wrong with it.
-        line: Line number, where one is to blame.
+        reason: Fault of the file.
+        line: Line number of the fault, or None.
     """
 
     def __init__(self, path: object, reason: str, line: int | None = None) -> None:
@@ -229,12 +230,12 @@ class FileFormatWarning(UserWarning):
 
 
 class InfeasibleError(PepperKinError):
-    """A request has no solution and the caller asked for a value rather than for a result with a status.
+    """A request for a value has no solution; calls that return a status do not raise this error.
 
     Attributes:
-        quantity: What cannot be had ("trajectory", ...).
-        reason: Why, naming joint, value and limit where one is to blame.
-        advice: What to try.
+        quantity: Requested quantity ("trajectory", ...).
+        reason: Reason, with joint, value and limit if known.
+        advice: Advice on what to try.
     """
 
     def __init__(self, quantity: str, reason: str, advice: str) -> None:
@@ -246,8 +247,8 @@ class MissingDependencyError(PepperKinError, ImportError):
     """An optional part needs a package that is not installed.
 
     Attributes:
-        package: The package.
-        command: The command that installs it.
+        package: Name of the package.
+        command: Command that installs the package.
     """
 
     def __init__(self, package: str, command: str, purpose: str) -> None:
@@ -259,14 +260,15 @@ def optional(module: str, *, need: str, extra: str = "", package: str = "", comm
     """Import a module whose package may not be installed, and return it.
 
     Args:
-        module: Its full name.
-        need: What it is for, for the error.
-        extra: The extra of this package that brings it.
-        package: Its package, if that has another name than the module's first part.
-        command: What installs it, if no extra does; `pip install` with the package if omitted.
+        module: Full name of the module.
+        need: Purpose of the module, for the error.
+        extra: Extra of this library that installs the package.
+        package: Name of the package, if it differs from the module's first part.
+        command: Command that installs the package without an extra; `pip install` with the package if
+            omitted.
 
     Raises:
-        MissingDependencyError: where it cannot be imported.
+        MissingDependencyError: if the module cannot be imported.
     """
     try:
         return importlib.import_module(module)

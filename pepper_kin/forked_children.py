@@ -1,4 +1,4 @@
-"""Locks in forked children: another thread of the parent, which the child lacks, may have held them."""
+"""New locks in forked children: a thread of the parent, which the child lacks, may have held the old ones."""
 
 import os
 import sys
@@ -7,7 +7,7 @@ from functools import cached_property
 
 
 def _free_locks() -> None:
-    """Replace each `_lock` of a module, and those that `cached_property` has until Python 3.11."""
+    """Replace each `_lock` of a module, and the locks of `cached_property` up to Python 3.11."""
     for name, module in list(sys.modules.items()):
         if name.partition(".")[0] != "pepper_kin":
             continue

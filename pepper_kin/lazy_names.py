@@ -1,4 +1,4 @@
-"""Names and modules that are loaded when they are first asked for (PEP 562)."""
+"""Names and modules that are loaded at their first use (PEP 562)."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ def lazily(
     """Return a package's `__getattr__` and `__dir__`.
 
     Args:
-        package: Its `__name__`.
-        names_of: Module -> the names in it, separated by blanks.  It is below the package unless it begins
-            with `pepper_kin.`; its own name stands for the module itself.  If omitted, names are found where
-            the package's own source imports them from under `if TYPE_CHECKING:`.
+        package: `__name__` of the package.
+        names_of: Module -> names of the module, separated by blanks. The module is below the package unless
+            it begins with `pepper_kin.`; the module's own name stands for the module. If omitted, names and
+            modules are read from the imports under `if TYPE_CHECKING:` in the package's source.
     """
 
     @cache
@@ -38,7 +38,7 @@ def lazily(
         module = importlib.import_module(home if home.startswith("pepper_kin.") else f"{package}.{home}")
         value = module if home == name else with_named_options(getattr(module, name), package)
         setattr(sys.modules[package], name, value)
-        for other, where in homes().items():  # classes of values that functions return
+        for other, where in homes().items():  # wrap classes of returned values, too
             kind = vars(sys.modules[where]).get(other) if where in sys.modules else None
             if isinstance(kind, type):
                 with_named_options(kind, package)
@@ -52,7 +52,7 @@ def lazily(
 
 
 def _homes_in_source(package: str) -> dict[str, str]:
-    """Return where a package imports names from for type checking; its own modules are themselves."""
+    """Return name -> module of a package's imports for type checking; its own modules map to themselves."""
     loader: Any = sys.modules[package].__loader__
     homes = {}
     for block in ast.parse(loader.get_source(package)).body:
@@ -65,7 +65,7 @@ def _homes_in_source(package: str) -> dict[str, str]:
 
 
 class _Later(ModuleType):
-    """Stands for a module until something in it is asked for; then it is a module with the same content."""
+    """Placeholder of a module that becomes the module at the first access to an attribute."""
 
     def __getattr__(self, name: str) -> Any:
         module = importlib.import_module(self.__name__)
@@ -75,9 +75,9 @@ class _Later(ModuleType):
 
 
 def lazy_module(name: str) -> Any:
-    """Return what stands for a module that takes long to import, and imports it when it is first used.
+    """Return a placeholder of a module that takes long to import, and import the module at its first use.
 
-    Once it is loaded, it costs no more than the module itself does.
+    After loading, access costs no more than with the module itself.
 
     Args:
         name: Full name of the module.

@@ -1,6 +1,6 @@
 """Entry points of interfaces: commands, gestures, file formats and calls, found without importing them.
 
-Each group has names, and what `load()` returns for one:
+Groups with the meaning of their names and the result of `load()`:
 
 pepper_kin.commands         commands of `pepper-kin`: Typer applications
 pepper_kin.checks           commands of `pepper-kin check`: Typer applications
@@ -11,7 +11,7 @@ pepper_kin.formats          suffixes without their dots: modules with `write_tra
                             `write_recording(path, run)`
 pepper_kin.everyday_calls   any names: functions whose calls need kernels that a wheel brings
 
-An editable installation learns of new entry points when it is installed again.
+An editable installation has to be installed again for new entry points.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @cache
 def plugins(kind: str) -> dict[str, EntryPoint]:
-    """Return what is registered in the group `pepper_kin.<kind>`, by name."""
-    from importlib.metadata import entry_points  # whose import takes longer than that of many packages
+    """Return the entry points of the group `pepper_kin.<kind>` by name."""
+    from importlib.metadata import entry_points  # imported late, since it is slow
 
     return {entry.name: entry for entry in entry_points(group=f"pepper_kin.{kind}")}

@@ -11,7 +11,7 @@ def proxqp() -> Any:
     """Return the module `proxsuite.proxqp`.
 
     Raises:
-        MissingDependencyError: where it, or the system's `libgomp.so.1`, cannot be loaded.
+        MissingDependencyError: if the module, or the system's `libgomp.so.1`, cannot be loaded.
     """
     try:
         from proxsuite import proxqp as module

@@ -1,4 +1,4 @@
-"""The base of all statuses, `ResultStatus`: how a call ended, and what to do about it."""
+"""Base class of all statuses, `ResultStatus`: the result of a call, and advice."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ __all__ = ["ResultStatus"]
 class ResultStatus(Enum):
     """How a call ended.
 
-    A member is written as its value, a word in lower case, and its advice, a sentence:
+    A member is defined by its value, a word in lower case, and its advice, a sentence:
 
         OUT_OF_TIME = "out_of_time", "Allow more time."
     """
@@ -19,7 +19,7 @@ class ResultStatus(Enum):
     _advice: str
 
     def __new__(cls, value: str, advice: str) -> ResultStatus:
-        """Return a member whose value is the word alone."""
+        """Return a member whose value is the word without the advice."""
         member = object.__new__(cls)
         member._value_ = value
         member._advice = advice
@@ -27,5 +27,5 @@ class ResultStatus(Enum):
 
     @property
     def advice(self) -> str:
-        """What the status means for the caller and what to try, in a sentence."""
+        """Advice to the caller in one sentence."""
         return self._advice

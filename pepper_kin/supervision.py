@@ -1,10 +1,10 @@
 """Supervision of motions on robots, from the check to measured rest.
 
-One state machine for everything that moves a robot:
+State machine of all functions that move a robot:
 
     CHECKING -> HANDED_OVER -> MOVING -> AT_REST      completed
-    CHECKING, HANDED_OVER, MOVING -> STOPPING         anything else: the robot is held
-    STOPPING -> AT_REST                               measured positions stand still, nothing is queued
+    CHECKING, HANDED_OVER, MOVING -> STOPPING         any other end: the robot is held
+    STOPPING -> AT_REST                               measured positions are constant, nothing is queued
 """
 
 from __future__ import annotations
@@ -29,10 +29,11 @@ CYCLE = 0.02
 """Time between two steps of a motion [s]."""
 
 REST_WINDOW = 0.2
-"""Time in which measured positions stand still at rest [s]."""
+"""Time for which measured positions have to be constant at rest [s]."""
 
 REST_TOLERANCE, BASE_REST_TOLERANCE = 2e-3, 1e-3
-"""By how much they may differ in it: joints [rad or share], which creep on, and a base [m, rad]."""
+"""Maximum range of positions within `REST_WINDOW`: joints, which may creep [rad, m or fraction], and a base
+[m, rad]."""
 
 
 class RobotMotionStatus(ResultStatus):
@@ -53,7 +54,7 @@ class RobotMotionStatus(ResultStatus):
 
 
 class MotionState(Enum):
-    """Where a supervised motion is."""
+    """State of a supervised motion."""
 
     CHECKING = "checking"
     HANDED_OVER = "handed over"
@@ -72,16 +73,16 @@ _TRANSITIONS = {
 
 
 def allowed_transitions() -> tuple[tuple[MotionState, MotionState], ...]:
-    """Return the arrows of the state machine, from and to."""
+    """Return the transitions of the state machine as pairs (from, to)."""
     return tuple((a, b) for a, after in _TRANSITIONS.items() for b in after)
 
 
 class MotionEndedError(Exception):
-    """A motion ends before its time; the supervisor makes a `MotionEnd` of it.
+    """A motion ends early; the supervisor converts the error to a `MotionEnd`.
 
     Args:
-        status: How it ends.
-        message: Why.
+        status: Status of the motion.
+        message: Reason of the end.
     """
 
     def __init__(self, status: RobotMotionStatus, message: str) -> None:
@@ -90,10 +91,10 @@ class MotionEndedError(Exception):
 
 
 class UnusableStateError(PepperKinError):
-    """A robot reported a state that cannot be used: of another shape, not finite, too old or none.
+    """A robot reported an unusable state: of another shape, not finite, too old or missing.
 
     Attributes:
-        reason: What was wrong, with the value.
+        reason: Fault of the state, with the value.
     """
 
     def __init__(self, reason: str) -> None:
@@ -102,11 +103,11 @@ class UnusableStateError(PepperKinError):
 
 
 class MotionEnd(NamedTuple):
-    """How a supervised motion ended.
+    """Result of a supervised motion.
 
     Attributes:
-        status: Of the motion.
-        message: Why, and what is missing where rest is not confirmed.
+        status: Status of the motion.
+        message: Reason of the end, and of missing confirmation of rest.
         at_rest: Whether the robot was measured at rest, with nothing left that could move it.
     """
 
@@ -116,22 +117,22 @@ class MotionEnd(NamedTuple):
 
 
 class Clock:
-    """Time of this machine; tests replace it by a simulated one."""
+    """Clock of this machine; tests replace it by a simulated one."""
 
     def now(self) -> float:
-        """Return the time [s], which never goes back."""
+        """Return the monotonic time [s]."""
         return time.monotonic()
 
     def sleep(self, seconds: float) -> None:
-        """Wait [s]."""
+        """Wait for a time [s]."""
         time.sleep(seconds)
 
 
 class RestMeter:
-    """Measured positions of the last moments: whether they stand still.
+    """Detector of rest from recently measured positions.
 
     Args:
-        names: Of the coordinates; those of a base begin with "Base".
+        names: Names of the coordinates; names of a base's coordinates begin with "Base".
     """
 
     def __init__(self, names: Sequence[str]) -> None:
@@ -141,18 +142,19 @@ class RestMeter:
         self._rows: deque[tuple[float, NDArray[np.float64]]] = deque(maxlen=1000)
 
     def add(self, at: float, positions: ArrayLike) -> None:
-        """Add what was measured at a time [s], shape (n,)."""
+        """Add positions, shape (n,) [rad, m or fraction], measured at a time [s]."""
         self._rows.append((at, np.array(positions, dtype=float)))
 
     def moving(self, since: float, now: float) -> str:
-        """Return why it is not known to stand still; "" where it does.
+        """Return the reason why rest is not confirmed; "" at rest.
 
-        It does where all positions measured within `REST_WINDOW` before the last lie within the tolerance of
-        one another, none of them before `since`, and the last is not older than twice the window.
+        Rest means that positions were measured for `REST_WINDOW` after `since`, that the positions of the
+        last window differ by no more than the tolerance, and that the last measurement is not older than
+        twice the window.
 
         Args:
             since: Time from which measurements count [s].
-            now: The time [s].
+            now: Present time [s].
         """
         rows = [row for row in self._rows if row[0] >= since]
         if not rows or now - rows[-1][0] > 2.0 * REST_WINDOW:
@@ -169,11 +171,11 @@ class RestMeter:
 
 
 class SupervisedMotion(ABC):
-    """One motion on one robot, in steps that return soon: what a `Supervisor` needs of it.
+    """Interface of a motion on a robot for a `Supervisor`; its methods return quickly.
 
     Attributes:
-        stop_time: The longest time in which rest is waited for [s].
-        ending_errors: Errors that end the motion by a status.
+        stop_time: Maximum time of waiting for rest [s].
+        ending_errors: Errors that end the motion, with their status.
     """
 
     stop_time: float = 5.0
@@ -181,19 +183,19 @@ class SupervisedMotion(ABC):
 
     @abstractmethod
     def check(self) -> None:
-        """Raise what speaks against the motion; nothing is sent yet."""
+        """Raise an error if the motion must not start; nothing is sent yet."""
 
     @abstractmethod
     def hand_over(self) -> bool:
-        """Hand the motion to the robot, in one or more calls; return whether it has it."""
+        """Send the motion to the robot in one or more calls; return whether it is complete there."""
 
     @abstractmethod
     def step(self) -> bool:
-        """Do one cycle; return whether the motion is complete, the robot stands and nothing is queued."""
+        """Do one cycle; return whether the motion is complete, the robot at rest and nothing queued."""
 
     @abstractmethod
     def stop(self) -> str:
-        """Hold the robot and end what is queued, in one or more calls; return "" at rest, or why not."""
+        """Hold the robot and cancel queued motions, in one or more calls; return "" at rest, else why not."""
 
     @property
     @abstractmethod
@@ -205,15 +207,15 @@ Motion = TypeVar("Motion", bound=SupervisedMotion)
 
 
 class Supervisor(Generic[Motion]):
-    """Drives one motion through its states; every end but COMPLETED holds the robot and measures rest.
+    """Supervisor of one motion through its states; every end but COMPLETED holds the robot and measures rest.
 
     Args:
-        motion: What it drives.
-        clock: Time.
-        on_state: Called with each state as it begins.
+        motion: The supervised motion.
+        clock: Clock; None for this machine's.
+        on_state: Function that is called with each state when it begins.
 
     Attributes:
-        state: Where the motion is.
+        state: State of the motion.
     """
 
     def __init__(
@@ -229,17 +231,17 @@ class Supervisor(Generic[Motion]):
         self._requested = ""
 
     def request_stop(self, why: str = "stop() was called") -> None:
-        """End the motion with STOPPED, whatever its state; from any thread."""
+        """End the motion with STOPPED in any state; may be called from any thread."""
         self._requested = why
 
     def run(self) -> MotionEnd:
-        """Make the motion, and return how it ended.
+        """Run the motion and return its end.
 
-        Ctrl-C and SIGTERM wait, where the program has no other handlers, until the robot is at rest;
+        Unless the program has other handlers, Ctrl-C and SIGTERM are deferred until the robot is at rest;
         they and all other errors are raised then.
 
         Raises:
-            Exception: what `check` raises, before anything was sent; errors of callbacks.
+            Exception: errors of `check`, before anything is sent, and of callbacks.
         """
         if self._on_state is not None:
             self._on_state(self.state)
@@ -271,9 +273,11 @@ class Supervisor(Generic[Motion]):
         return end
 
     def _status_of(self, error: BaseException) -> RobotMotionStatus | None:
+        """Return the status of an error that ends the motion; None for other errors."""
         return next((s for kind, s in self.motion.ending_errors if isinstance(error, kind)), None)
 
     def _repeat(self, step: Callable[[], bool], deferred: _DeferredSignals) -> None:
+        """Call a step in every cycle until it returns True."""
         due = self._clock.now()
         while True:
             self._look(deferred)
@@ -283,6 +287,7 @@ class Supervisor(Generic[Motion]):
             self._clock.sleep(max(due - self._clock.now(), 0.0))
 
     def _look(self, deferred: _DeferredSignals) -> None:
+        """Raise the end of the motion if a stop was requested or a signal arrived."""
         if self._requested:
             raise MotionEndedError(RobotMotionStatus.STOPPED, self._requested)
         if deferred.number:
@@ -290,7 +295,7 @@ class Supervisor(Generic[Motion]):
             raise MotionEndedError(RobotMotionStatus.STOPPED, f"interrupted by {name}")
 
     def _stop(self, status: RobotMotionStatus, message: str) -> tuple[MotionEnd, BaseException | None]:
-        """Hold the robot until it is measured at rest, or time is over; errors wait, and are returned."""
+        """Hold the robot until it is measured at rest or `stop_time` is over; return errors with the end."""
         self._enter(MotionState.STOPPING)
         end = self._clock.now() + self.motion.stop_time
         raised: BaseException | None = None
@@ -298,7 +303,7 @@ class Supervisor(Generic[Motion]):
         pause = 0.0
         while True:
             try:
-                self._clock.sleep(pause)  # here, so that an error pauses as well
+                self._clock.sleep(pause)  # inside `try`, so that the loop also pauses after an error
                 pause = CYCLE
                 missing = self.motion.stop()
                 if not missing or not self.motion.connected or self._clock.now() >= end:
@@ -316,6 +321,7 @@ class Supervisor(Generic[Motion]):
         return MotionEnd(status, text, False), raised
 
     def _enter(self, state: MotionState) -> None:
+        """Change the state and report it."""
         if state not in _TRANSITIONS[self.state]:
             raise RuntimeError(f"no arrow leads from {self.state.value} to {state.value}")
         self.state = state
@@ -324,17 +330,17 @@ class Supervisor(Generic[Motion]):
 
 
 class _DeferredSignals:
-    """Whether a signal arrived that waits until the robot is at rest."""
+    """Signal that is deferred until the robot is at rest; number 0 without one."""
 
     def __init__(self) -> None:
         self.number = 0
 
     def take(self, number: int, _: object) -> None:
-        """Remember a signal; handlers do no more."""
+        """Store a signal, as the handler."""
         self.number = number
 
     def act(self) -> None:
-        """Do what the signal would have done.
+        """Raise the error of the deferred signal, if any.
 
         Raises:
             KeyboardInterrupt: for Ctrl-C.
@@ -348,7 +354,7 @@ class _DeferredSignals:
 
 @contextmanager
 def _deferred_signals() -> Iterator[_DeferredSignals]:
-    """Let Ctrl-C and SIGTERM wait, in the main thread and where the program has no other handlers."""
+    """Defer Ctrl-C and SIGTERM, in the main thread and if the program has no other handlers."""
     deferred = _DeferredSignals()
     ordinary: dict[int, Any] = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
     kept = []

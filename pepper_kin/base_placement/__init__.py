@@ -1,10 +1,10 @@
 """Base placement: search for base poses from which targets are reached.
 
-    place_base, PlacementResult, PlacementStatus, Placement   the best places and what was tried
+    place_base, PlacementResult, PlacementStatus, Placement   the best base poses and all trials
     PlacementWeights, PlacementTerms          weights and terms of the score
     placement_map, PlacementMap               the score of every cell of the floor
 
-Targets are in world coordinates; a robot with a fixed base may be placed, too.
+Targets are in world coordinates; a robot with a fixed base can be placed, too.
 """
 
 from pepper_kin.base_placement.place_base import place_base

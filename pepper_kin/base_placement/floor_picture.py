@@ -1,4 +1,4 @@
-"""A picture of the floor map."""
+"""Picture of a placement map."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pepper_kin.model.joint_vectors import as_finite
 
 
 def save_floor_picture(found: PlacementMap, path: str | Path, targets: ArrayLike | None = None) -> Path:
-    """Draw a floor map from above: the best score of each cell, and an arrow for its heading.
+    """Draw a placement map from above: the best score of each cell, with an arrow for its heading.
 
     Args:
         found: The map.
@@ -24,9 +24,9 @@ def save_floor_picture(found: PlacementMap, path: str | Path, targets: ArrayLike
         The path.
 
     Raises:
-        MissingDependencyError: where matplotlib is not installed.
+        MissingDependencyError: if matplotlib is not installed.
         InvalidValueError: for targets of another shape, NaN or infinity.
-        FileFormatError: where the file cannot be written.
+        FileFormatError: if the file cannot be written.
     """
     figure = new_figure("the picture of the floor", figsize=(7, 6))
     axes = figure.subplots()

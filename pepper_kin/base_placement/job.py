@@ -36,9 +36,9 @@ class Job(NamedTuple):
     """Checked inputs of a search.
 
     Attributes:
-        evaluator: Tries places out.
-        stand: The current place, shape (3,).
-        movable: Joints of the moving robot that may move, the base's apart.
+        evaluator: Evaluator of candidate base poses.
+        stand: Current base pose: x, y [m] and yaw [rad], shape (3,).
+        movable: Mask of the joints of the moving robot that may move, without the base's, shape (robot.n,).
     """
 
     evaluator: CandidateEvaluator

@@ -1,4 +1,4 @@
-"""The robot on a base that can be placed anywhere on the floor."""
+"""Robot on a base that can be placed anywhere on the floor."""
 
 from __future__ import annotations
 
@@ -12,19 +12,20 @@ from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.wheels import BASE_JOINTS, on_planar_base
 
 FAR = 1000.0
-"""How far from the world's origin a place may be [m], where the robot itself sets no bound."""
+"""Maximum distance of a base pose from the world's origin along each axis, without a robot's own limit
+[m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class MovingBase:
-    """A robot and the same robot with the three joints of a planar base.
+    """A robot together with its copy on a planar base of three joints.
 
-    Targets in the world, obstacles and every kind of task then mean the same wherever the base is.
+    With it, targets in the world, obstacles and all tasks are independent of the base's pose.
 
     Attributes:
-        robot: The robot with a moving base; the given one itself where it has that.
-        base: Places of `BASE_JOINTS` in the joint vectors of `robot`, shape (3,).
-        body: Places of the given robot's joints in those of `robot`, shape (n,).
+        robot: The robot with a moving base; the given robot itself if it has one.
+        base: Indices of `BASE_JOINTS` in the joint vectors of `robot`, shape (3,).
+        body: Indices of the given robot's joints in the joint vectors of `robot`, shape (n,).
     """
 
     robot: PepperModel
@@ -32,11 +33,11 @@ class MovingBase:
     body: np.ndarray
 
     def states(self, q: Array, places: Array) -> Array:
-        """Return joint vectors of `robot`, shape (N, robot.n), of one of the given robot, shape (n,).
+        """Return joint vectors of `robot`, shape (N, robot.n), from one of the given robot and N base poses.
 
         Args:
-            q: Joint positions [rad or m].
-            places: x, y [m] and yaw [rad], shape (N, 3); they replace those that q may hold.
+            q: Joint positions of the given robot [rad or m], shape (n,).
+            places: Base poses: x, y [m] and yaw [rad], shape (N, 3); they replace base positions in q.
         """
         states = np.zeros((len(places), self.robot.n))
         states[:, self.body] = q
@@ -44,7 +45,7 @@ class MovingBase:
         return states
 
     def movable(self, mask: np.ndarray) -> np.ndarray:
-        """Return a mask of joints, shape (n,), as one over `robot`, shape (robot.n,), without the base."""
+        """Return a mask of the given robot's joints, shape (n,), as a mask of `robot`, without the base."""
         result = np.zeros(self.robot.n, dtype=bool)
         result[self.body] = mask
         result[self.base] = False
@@ -60,7 +61,7 @@ def moving_base(pepper: PepperModel) -> MovingBase:
     """Return the robot with a moving base, built once for each robot.
 
     Raises:
-        InvalidValueError: for a robot that has some of the base's joints only.
+        InvalidValueError: for a robot that has only some of the base's joints.
     """
     present = [name for name in BASE_JOINTS if name in pepper.joint_names]
     if present and len(present) < len(BASE_JOINTS):
@@ -81,7 +82,7 @@ def _on_wheels(pepper: PepperModel) -> PepperModel:
     moving = on_planar_base(pepper.document, "placement", FAR, {})
     robot = pepper.with_parts(document=moving, changed=None)
     changed = pepper.dynamics_model.changed()
-    if changed is not None:  # what the document does not hold: payloads, other masses, placements, gravity
+    if changed is not None:  # not in the document: payloads, other masses, placements, gravity
         model = robot.pinocchio_model
         model.gravity = changed.gravity
         for joint, name in enumerate(changed.names):

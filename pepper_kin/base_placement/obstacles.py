@@ -1,4 +1,4 @@
-"""Clearance of obstacles alone, without self-collisions."""
+"""Clearance to obstacles, without self-collisions."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def obstacle_clearance(robot: PepperModel, q: Array, scene: Scene) -> Array:
-    """Return the exact smallest distance between robot and obstacles [m], infinite without any.
+    """Return the exact minimum distance between robot and obstacles [m], infinite without obstacles.
 
     Args:
         robot: The robot.
@@ -25,7 +25,7 @@ def obstacle_clearance(robot: PepperModel, q: Array, scene: Scene) -> Array:
         scene: The obstacles.
 
     Returns:
-        The least over the T configurations, shape (N,); below zero where shapes overlap.
+        Minimum over the T configurations, shape (N,); below zero for overlapping shapes.
     """
     return np.asarray(np.min([clearance(_without_self(robot), states, scene) for states in q], axis=0))
 

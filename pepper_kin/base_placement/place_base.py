@@ -1,4 +1,4 @@
-"""Base placement: the base pose from which targets are best reached."""
+"""Base placement: search for the base pose from which targets are best reached."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ from pepper_kin.model.joint_vectors import as_finite, check_whole
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene
 
-# Rounds that look around the best places so far: how many of them, how often, and how far [m], [rad].
+# Rounds of local search: number of best base poses, samples around each, and deviations [m], [rad].
 ROUNDS = ((12, 6, 0.10, 0.30), (8, 6, 0.04, 0.10))
 
-# Restarts of the search at a place where the first look did not succeed.
+# Restarts of the inverse kinematics at a base pose whose first search failed.
 RESTARTS = 8
 
-# Places that may fail in the final search before it is given up.
+# Maximum number of base poses that fail in the final search.
 FAILURES = 2
 
-# Places whose exact clearance is computed, and how far apart two placements are at least [m], [rad].
+# Number of base poses whose exact clearance is computed, and minimum distances of two placements [m], [rad].
 MEASURED = 24
 APART = (0.10, 0.25)
 
@@ -56,36 +56,37 @@ def place_base(
     seed: int = 0,
     threads: int = 1,
 ) -> PlacementResult:
-    """Find places of the base from which targets are reached, the best first.
+    """Find base poses from which targets are reached, the best first.
 
-    Candidates come from inverse reachability: where the base comes to stand when the inverse kinematics may
-    move it too (see `proposals`).  From each, the inverse kinematics with a base that stands still is solved
-    for every set of tasks; the surroundings of the best are searched once more.  The same arguments give the
-    same places, whatever the number of threads.
+    Candidates come from inverse reachability: base poses that result if the inverse kinematics may move the
+    base, too (see `proposals`). From each, the inverse kinematics with a fixed base is solved for every set
+    of tasks; then base poses near the best ones are tried. The same arguments give the same result for any
+    number of threads.
 
     Args:
-        pepper: The robot; with a fixed base, targets and scene are meant in the world in which it stands at
-            `stand`, and the base is moved all the same.
-        tasks: One task; a list of tasks that one configuration has to meet; or a list of such lists, each met
-            by a separate configuration from the same place.  Tasks with N targets stand for N such lists.
-        start: Joint positions to come from [rad or m], shape (n,); `pepper.neutral()` if None.
-        stand: The current place: x, y [m], yaw [rad], shape (3,); None for that in `start`, or the origin.
-        scene: What stands around the robot, which keeps clear of itself in any case; None for nothing.
-            The way to the place is not examined.
-        collisions: Whether collisions are examined; False leaves them out, and the result says so.
-        joints: Joints that may move, by names of joints and groups, the base's apart; None for all.
-        candidates: Number of places to try at first, or the places themselves, shape (N, 3); in that case no
-            other is tried but the current one.
-        keep: Number of placements to return at most.
+        pepper: The robot; a fixed base is moved, too, with targets and scene in the world in which its
+            current pose is `stand`.
+        tasks: One task; a list of tasks that one configuration has to meet; or a list of lists of tasks, each
+            met by its own configuration from the same base pose. Tasks with N targets stand for N lists.
+        start: Joint positions at the start [rad or m], shape (n,); `pepper.neutral()` if None.
+        stand: Current base pose: x, y [m], yaw [rad], shape (3,); None for the pose in `start`, or the
+            origin.
+        scene: Obstacles around the robot; None for none. Self-collision is checked with or without a scene.
+            The way to the base pose is not checked.
+        collisions: Whether collisions are checked; the result says if they are not.
+        joints: Joints that may move, by names of joints and groups, without the base's; None for all.
+        candidates: Number of base poses to try first, or base poses, shape (N, 3) [m, m, rad]; then only
+            these and the current one are tried.
+        keep: Maximum number of placements to return.
         weights: Weights of the score's terms.
-        seed: Draws the candidates and the restarts.
-        threads: Threads that share the work.
+        seed: Seed of the candidates and the restarts.
+        threads: Number of threads that share the work.
 
     Returns:
-        Placements and what was tried; `result.status` says what is in the way where none serves.
+        Placements and all trials; `result.status` says why no base pose was found.
 
     Raises:
-        InvalidValueError: for no task, or numbers that are none, NaN or infinite.
+        InvalidValueError: for no task, or numbers that are malformed, NaN or infinite.
         UnknownNameError: for a frame, joint or group that the robot lacks.
         LimitError: for a start outside the joint limits.
     """
@@ -117,7 +118,7 @@ MOST_CANDIDATES = 1_000_000
 
 
 def _tried(job: Job, candidates: Any) -> Trials:
-    """Evaluate places, shape (N, 3) [m, m, rad], or so many proposals and the neighborhood of the best."""
+    """Evaluate base poses, shape (N, 3) [m, m, rad], or a number of proposals and neighbors of the best."""
     evaluator = job.evaluator
     if isinstance(candidates, list | tuple | np.ndarray):
         checked = as_finite(candidates, "candidates", (None, 3)).copy()
@@ -138,7 +139,7 @@ def _tried(job: Job, candidates: Any) -> Trials:
 
 
 def _look_around(job: Job, trials: Trials) -> Trials:
-    """Try places around the best ones."""
+    """Evaluate base poses around the best ones."""
     evaluator, generator = job.evaluator, np.random.default_rng((job.evaluator.seed, 1))
     base = evaluator.moving.base
     low, high = evaluator.moving.robot.lower_limits[base], evaluator.moving.robot.upper_limits[base]
@@ -153,7 +154,7 @@ def _look_around(job: Job, trials: Trials) -> Trials:
 
 
 def _finalists(job: Job, trials: Trials, keep: int) -> tuple[Placement, ...]:
-    """Return the best places that lie apart, after a full search; if none is suitable, the nearest ones."""
+    """Return the best base poses, distinct and after a full search; if none is suitable, the nearest ones."""
     chosen: list[Placement] = []
     failed: list[Placement] = []
     for row in _order(job, trials):
@@ -173,7 +174,7 @@ def _finalists(job: Job, trials: Trials, keep: int) -> tuple[Placement, ...]:
 
 
 def _order(job: Job, trials: Trials) -> list[int]:
-    """Return the rows, the best first; with a scene the first of them are measured exactly."""
+    """Return the rows, the best first; with obstacles, the first rows are ranked by exact clearance."""
     order = trials.order()
     good = order[trials.good[order]][:MEASURED]
     evaluator = job.evaluator
@@ -189,7 +190,7 @@ def _order(job: Job, trials: Trials) -> list[int]:
 
 
 def _placement(job: Job, trials: Trials, row: int) -> Placement:
-    """Return one place with its solutions: known ones where they are good, else those of a longer search."""
+    """Return one base pose with its solutions, from the trial if they are good, else from a longer search."""
     evaluator, place = job.evaluator, trials.places[row]
     moving, scene = evaluator.moving, evaluator.scene
     start = moving.states(evaluator.q0, place[None])[0]
@@ -219,7 +220,7 @@ def _placement(job: Job, trials: Trials, row: int) -> Placement:
 
 
 def _terms(job: Job, q: Array, place: Array) -> tuple[PlacementTerms, float]:
-    """Return the terms and the score of configurations, shape (T, n), at a place."""
+    """Return the terms and the score of configurations, shape (T, n), at a base pose."""
     scorer, states = job.evaluator.scorer, q[:, None]
     margin, joint = scorer.limit_margins(states)
     skill, (distance, turn) = scorer.manipulabilities(states), scorer.travels(place[None])
@@ -239,6 +240,7 @@ def _terms(job: Job, q: Array, place: Array) -> tuple[PlacementTerms, float]:
 
 
 def _status(trials: Trials, placements: tuple[Placement, ...]) -> PlacementStatus:
+    """Return the status from the trials and the final placements."""
     if placements[0].success:
         return PlacementStatus.FOUND
     if trials.all_reached.any():
@@ -249,9 +251,9 @@ def _status(trials: Trials, placements: tuple[Placement, ...]) -> PlacementStatu
 
 
 def _conflict(job: Job, tasks: TaskSet) -> tuple[str, ...]:
-    """Return the names of tasks that contradict each other in a set that no place reaches.
+    """Return the names of tasks that contradict each other in a set that no base pose reaches.
 
-    Asked for with a base that moves like a joint: tasks that are met each from another place count, too.
+    The base may move like a joint, so tasks that can be met one by one, from any base pose, count, too.
     """
     if len(tasks) < 2:
         return ()

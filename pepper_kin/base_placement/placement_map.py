@@ -1,4 +1,4 @@
-"""Base-placement map: a score for each cell of the floor."""
+"""Base-placement map: score of each cell of the floor."""
 
 from __future__ import annotations
 
@@ -24,14 +24,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class PlacementMap(BriefRepr):
-    """The best score in each cell of a grid on the floor.
+    """Best score in each cell of a grid on the floor.
 
     Attributes:
         origin: Corner with the smallest coordinates [m], shape (2,), read-only.
         resolution: Edge of a cell [m].
-        scores: Best score, shape (nx, ny), read-only; NaN where no place in the cell serves (or none was
-            tried there).
-        yaws: Heading that goes with it [rad], shape (nx, ny), read-only; NaN likewise.
+        scores: Best score, shape (nx, ny), read-only; NaN for cells without a suitable or tried base pose.
+        yaws: Heading of the best base pose [rad], shape (nx, ny), read-only; NaN where the score is.
     """
 
     origin: Array
@@ -50,7 +49,7 @@ class PlacementMap(BriefRepr):
         return self.origin + (np.argwhere(np.isfinite(self.scores)) + 0.5) * self.resolution
 
     def score_at(self, point: tuple[float, float]) -> float:
-        """Return the score of the cell that a point of the floor [m] is in; NaN outside of the grid.
+        """Return the score of the cell that contains a point of the floor [m]; NaN outside the grid.
 
         Raises:
             InvalidValueError: for a point of another shape, NaN or infinity.
@@ -62,10 +61,11 @@ class PlacementMap(BriefRepr):
 
 
 def map_of(places: Array, scores: Array, resolution: float) -> PlacementMap:
-    """Return the map of places, shape (N, 3), and their scores, shape (N,), NaN for unsuitable places.
+    """Return the map of base poses, shape (N, 3), with scores, shape (N,), NaN for unsuitable ones.
 
     Raises:
-        InvalidValueError: for a resolution that is not a finite number above 0, or cells beyond counting.
+        InvalidValueError: for a resolution that is not a finite number above 0, or more than ten million
+            cells.
     """
     size = check_positive("resolution", resolution, "m")
     cells = np.floor(places[:, :2] / size + 1e-9)
@@ -100,32 +100,34 @@ def placement_map(
     threads: int = 1,
     progress: Callable[[float], None] | None = None,
 ) -> PlacementMap:
-    """Try every cell of a square of the floor, with several headings each, and keep the best score.
+    """Try every cell of a square of the floor with several headings, and return the best scores.
 
-    Scores are those of `place_base` without clearance; places where something touches do not serve.
+    Scores are as in `place_base` without clearance; base poses in collision are not suitable.
 
     Args:
         pepper: The robot.
-        tasks: As for `place_base`.
-        start: Joint positions to come from [rad or m], shape (n,); `pepper.neutral()` if None.
+        tasks: One task, a list of tasks, or a list of lists of tasks, see `place_base`.
+        start: Joint positions at the start [rad or m], shape (n,); `pepper.neutral()` if None.
         center: Middle of the square [m], shape (2,).
-        stand: The current place: x, y [m], yaw [rad], shape (3,).
-        scene: What stands around the robot, which keeps clear of itself in any case; None for nothing.
-        collisions: Whether collisions are examined; False leaves them out.
+        stand: Current base pose: x, y [m], yaw [rad], shape (3,); None for the pose in `start`, or the
+            origin.
+        scene: Obstacles around the robot; None for none. Self-collision is checked with or without a scene.
+        collisions: Whether collisions are checked.
         joints: Joints that may move, by names of joints and groups; None for all.
         size: Edge of the square [m].
         resolution: Edge of a cell [m].
-        headings: Number of headings, evenly around.
+        headings: Number of headings, evenly distributed.
         weights: Weights of the score's terms.
-        seed: Of the restarts.
-        threads: Threads that share the work.
-        progress: Called with the share that is done, from 0 to 1.
+        seed: Seed of the restarts.
+        threads: Number of threads that share the work.
+        progress: Function that is called with the finished fraction, from 0 to 1.
 
     Returns:
-        The map, its cells in rows from the square's corner.
+        The map of the square.
 
     Raises:
-        InvalidValueError: as `place_base`, and for a size, resolution or number of headings out of range.
+        InvalidValueError: for no task, malformed numbers, or a size, resolution or number of headings out of
+            range.
         UnknownNameError: for a frame, joint or group that the robot lacks.
         LimitError: for a start outside the joint limits.
     """

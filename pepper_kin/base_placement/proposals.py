@@ -1,4 +1,4 @@
-"""Proposals of places: base poses of inverse kinematics with a free base."""
+"""Proposals of base poses, from inverse kinematics with a free base."""
 
 from __future__ import annotations
 
@@ -22,11 +22,12 @@ if TYPE_CHECKING:
 STEPS = 60
 SAMPLES = 300
 
-# Places around a target are drawn from a disc of this many times the reach.
+# Ratio of the radius of the disk around a target, in which base poses are drawn, to the reach; minimum reach
+# [m].
 MARGIN = 1.1
 LEAST_RADIUS = 0.5
 
-# Among obstacles so many times more places are drawn than kept.
+# Ratio of drawn to kept base poses among obstacles.
 SPARE = 3
 
 
@@ -40,24 +41,25 @@ def propose(
     seed: int,
     obstacles: Scene | None,
 ) -> Array:
-    """Return places from which a set of tasks is reached at least when the others are left out.
+    """Return base poses from which at least one set of tasks is reached.
 
-    Inverse reachability: postures drawn evenly from the joint box, on bases drawn evenly from a disc around
-    the targets, are brought to the targets by the inverse kinematics of the robot with a free base.  Where
-    that base comes to stand, the targets are within reach.
+    Inverse reachability: the inverse kinematics of the robot with a free base starts from postures drawn
+    uniformly from the joint box and base poses drawn uniformly from a disk around the targets. From a
+    resulting base pose the targets are within reach.
 
     Args:
         moving: The robot with a moving base.
         sets: Sets of tasks.
-        q0: Joint positions to come from, shape (n,) [rad or m].
-        stand: The current place, shape (3,).
-        movable: Joints of the moving robot that may move, the base's apart, shape (moving.robot.n,).
-        count: Number of places.
-        seed: Draws them.
-        obstacles: Places come first at which q0 touches none of them; None where there are none.
+        q0: Joint positions at the start, shape (n,) [rad or m].
+        stand: Current base pose, shape (3,) [m, m, rad].
+        movable: Mask of the joints of the moving robot that may move, without the base's, shape
+            (moving.robot.n,).
+        count: Number of base poses.
+        seed: Seed of the base poses.
+        obstacles: Scene of obstacles: base poses at which q0 is free of them come first; None for none.
 
     Returns:
-        The current place, then the others: x, y [m], yaw [rad], shape (count, 3).
+        The current base pose, then the others: x, y [m], yaw [rad], shape (count, 3).
     """
     generator = np.random.default_rng(seed)
     places = [stand[None]]
@@ -86,7 +88,7 @@ def _starts(
     count: int,
     generator: np.random.Generator,
 ) -> Array:
-    """Return joint vectors on a disc around the targets, shape (count, moving.robot.n)."""
+    """Return random joint vectors with bases on a disk around the targets, shape (count, moving.robot.n)."""
     robot = moving.robot
     points = [task.target for task in tasks if isinstance(task, FramePosition)]
     center = np.mean(points, axis=0)[:2] if points else _nearest_stand(moving, tasks, q0, stand, movable)
@@ -136,7 +138,7 @@ def _postures(moving: MovingBase, count: int, movable: np.ndarray, generator: np
 
 
 def _reach(moving: MovingBase, frames: Iterable[str], q0: Array, movable: np.ndarray) -> float:
-    """Return how far from the base's axis the frames come in sampled postures [m].
+    """Return the maximum distance of frames from the base's axis in random postures [m].
 
     `q0` has shape (n,) [rad or m]; `movable` is a mask over the moving robot, shape (robot.n,).
     """

@@ -1,4 +1,4 @@
-"""Results of a base-placement search."""
+"""Result of a base-placement search."""
 
 from __future__ import annotations
 
@@ -44,11 +44,11 @@ class Placement(BriefRepr):
         x: Position of the base on the floor [m].
         y: Position of the base on the floor [m].
         yaw: Heading, from the world's x axis to the left [rad], -pi to pi.
-        score: Between 0 and 1, see `PlacementWeights`; 0 where a target is not reached.
-        terms: The quantities behind the score.
+        score: Score from 0 to 1, see `PlacementWeights`; 0 if a target is not reached.
+        terms: Terms of the score.
         q: Joint positions for each set of tasks, shape (T, n) [rad or m], read-only.
-        results: The inverse kinematics of each set, in the world's coordinates, with certificate and report;
-            for a robot with a fixed base their q begins with the place, `BaseX`, `BaseY`, `BaseYaw`.
+        results: Inverse kinematics of each set in world coordinates, with certificate and report; for a robot
+            with a fixed base their q begins with the base pose, `BaseX`, `BaseY`, `BaseYaw`.
     """
 
     x: float
@@ -61,12 +61,12 @@ class Placement(BriefRepr):
 
     @property
     def success(self) -> bool:
-        """Whether every target is reached and nothing touches, where collisions are examined."""
+        """Whether every target is reached without collision, if collisions are checked."""
         return all(result.success and not result.in_collision for result in self.results)
 
     @property
     def transform_base_to_world(self) -> Array:
-        """The pose of the base, shape (4, 4): maps coordinates of the robot's floor frame to the world's."""
+        """Pose of the base, shape (4, 4) [m]: maps coordinates of the robot's floor frame to the world's."""
         cosine, sine = math.cos(self.yaw), math.sin(self.yaw)
         pose = np.eye(4)
         pose[:2, :2] = [[cosine, -sine], [sine, cosine]]
@@ -74,7 +74,7 @@ class Placement(BriefRepr):
         return pose
 
     def words(self) -> str:
-        """Return the place in words."""
+        """Return the base pose in words."""
         return f"({self.x + 0.0:.2f}, {self.y + 0.0:.2f}) m facing {math.degrees(self.yaw) + 0.0:.0f} deg"
 
 
@@ -83,19 +83,19 @@ class PlacementResult(BriefRepr):
     """Base poses, the best first.
 
     Attributes:
-        status: How the search ended.
-        placements: Ranked; where the status is not FOUND, the places that come nearest to serving.
-        unreached: Numbers of the sets (from 0) that no place reaches.
-        places: All places that were tried: x, y [m], yaw [rad], shape (N, 3); the first is the current place.
-        scores: Their scores, without clearance, shape (N,); 0 where a target is not reached.
-        reached: Whether each set is reached from each place, shape (N, T).
-        touching: Whether something touches there, shape (N,); looked at where all sets are reached
-            and collisions are examined.
-        names: What each set moves, in words.
+        status: Status of the search.
+        placements: Placements, the best first; if the status is not FOUND, the nearest base poses.
+        unreached: Indices of the sets that no base pose reaches.
+        places: All base poses tried: x, y [m], yaw [rad], shape (N, 3); the first is the current one.
+        scores: Scores of the tried base poses, without clearance, shape (N,); 0 if a target is not reached.
+        reached: Whether each set is reached from each base pose, shape (N, T).
+        touching: Whether the robot is in collision at each base pose, shape (N,); checked if all sets are
+            reached and collisions are checked.
+        names: Moved parts of each set, in words.
         time: Wall-clock time of the call [s].
-        seed: Of the search.
-        conflicts: For each of `unreached` the names of its tasks that contradict each other; none where it is
-            just too far.
+        seed: Seed of the search.
+        conflicts: Names of the tasks that contradict each other, for each set in `unreached`; empty if the
+            set is just out of reach.
     """
 
     status: PlacementStatus
@@ -112,28 +112,28 @@ class PlacementResult(BriefRepr):
 
     @property
     def success(self) -> bool:
-        """Whether a place was found from which every target is reached."""
+        """Whether a base pose was found from which every target is reached."""
         return self.status is PlacementStatus.FOUND
 
     @property
     def best(self) -> Placement:
-        """The first placement."""
+        """Best placement, the first one."""
         return self.placements[0]
 
     @property
     def here(self) -> bool:
-        """Whether the current place is suitable already."""
+        """Whether the current base pose is suitable."""
         return bool(self.reached[0].all() and not self.touching[0])
 
     @property
     def advice(self) -> str:
-        """What to do next, in a sentence; or in two, where some tasks contradict each other, not all."""
+        """Advice on what to do next, in one sentence; two if only some unreached sets have contradictions."""
         if self.status is not PlacementStatus.UNREACHABLE or not any(self.conflicts):
             return self.status.advice
         return CONFLICT_ADVICE if all(self.conflicts) else f"{self.status.advice}  {CONFLICT_ADVICE}"
 
     def score_map(self, resolution: float = 0.1) -> PlacementMap:
-        """Return the best score of the places that were tried, by cells of the floor; see `placement_map`.
+        """Return the best scores of the tried base poses by cells of the floor; see `placement_map`.
 
         Raises:
             InvalidValueError: for a resolution that is not above 0.
@@ -166,6 +166,7 @@ class PlacementResult(BriefRepr):
         return "\n".join(lines)
 
     def _headline(self) -> str:
+        """Return the first line of the report."""
         best = self.best
         if self.success:
             way = (
@@ -181,7 +182,7 @@ class PlacementResult(BriefRepr):
         return f"{start}; nearest is {best.words()}, which reaches {reached} of {len(self.names)}"
 
     def _unreached(self) -> str:
-        """Say of all sets that no place reaches whether they are too far or contradictory."""
+        """Return in words which unreached sets are too far and which are contradictory."""
         sets = [
             (f"target {k + 1}", self.names[k], conflict)
             for k, conflict in zip(self.unreached, self.conflicts, strict=True)
@@ -196,6 +197,7 @@ class PlacementResult(BriefRepr):
         return "; ".join(parts)
 
     def _targets(self) -> list[str]:
+        """Return a line for each set of tasks, with its errors at the best placement."""
         lines = []
         for k, result in enumerate(self.best.results):
             facts = "; ".join(
@@ -206,6 +208,7 @@ class PlacementResult(BriefRepr):
         return lines
 
     def _score(self) -> str:
+        """Return a line with the score of the best placement and its terms."""
         terms, parts = self.best.terms, []
         if terms.limit_margin is not None:
             parts.append(f"{100 * terms.limit_margin:.0f} % of {terms.tightest_joint}'s range to its limit")

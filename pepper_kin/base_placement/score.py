@@ -1,4 +1,4 @@
-"""Scores of base placements, as a sum of named terms."""
+"""Score of base placements, a weighted mean of named terms."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from pepper_kin.kinematics import manipulability
 from pepper_kin.model.joint_vectors import as_real
 
 ENOUGH_CLEARANCE = 0.10
-"""A clearance of this much counts in full [m]."""
+"""Clearance at which its term reaches the maximum of 1 [m]."""
 
 METERS_PER_RADIAN = 0.3
-"""A turn on the spot is as dear as so long a way [m/rad]."""
+"""Distance that costs as much as a rotation by one radian [m/rad]."""
 
 _SAMPLES = 1000
 
@@ -34,12 +34,13 @@ class PlacementWeights:
     sums.
 
     Attributes:
-        limit_margin: s is the least distance of a joint that a task uses to its nearer limit, as a share of
-            half of its range, over all targets.
-        manipulability: s is the least sqrt(det(J J^T)) of the frames that go to points, as a share of the
-            largest among random postures, over all targets.
-        clearance: s is the least distance to the obstacles over all targets, as a share of 10 cm, at most 1.
-        travel: s is 1 / (1 + d), with d the way from the current place [m], a turn of 1 rad as 0.3 m.
+        limit_margin: Weight of the minimum distance of used joints to their nearer limit over all targets,
+            relative to half of the joint's range.
+        manipulability: Weight of the minimum sqrt(det(J J^T)) of frames that go to points over all targets,
+            relative to the maximum among random postures.
+        clearance: Weight of the minimum distance to obstacles over all targets, relative to 10 cm, at most 1.
+        travel: Weight of 1 / (1 + d), with d the distance from the current base pose [m]; a rotation of 1 rad
+            counts as 0.3 m.
     """
 
     limit_margin: float = 1.0
@@ -62,16 +63,16 @@ class PlacementWeights:
 
 @dataclass(frozen=True)
 class PlacementTerms:
-    """The quantities behind a score; see `PlacementWeights`.
+    """Terms of a score, see `PlacementWeights`.
 
     Attributes:
-        limit_margin: Share of half a joint's range that is left to its limit, 0 to 1; None where no joint
-            with limits is used.
-        tightest_joint: The joint with that margin; empty for none.
-        manipulability: Share of the largest manipulability, 0 to 1; None where no frame goes to a point.
-        clearance: Least distance to the obstacles of the scene [m]; None without any.
-        distance: Way from the current place [m].
-        turn: Turn from the current heading [rad], 0 to pi.
+        limit_margin: Minimum distance of a joint to its limit relative to half of its range, 0 to 1; None if
+            no joint with limits is used.
+        tightest_joint: Joint with the minimum margin; empty for none.
+        manipulability: Ratio to the maximum manipulability, 0 to 1; None if no frame goes to a point.
+        clearance: Minimum distance to the obstacles of the scene [m]; None without obstacles.
+        distance: Distance from the current base pose [m].
+        turn: Rotation from the current heading [rad], 0 to pi.
     """
 
     limit_margin: float | None
@@ -83,14 +84,14 @@ class PlacementTerms:
 
 
 class Scorer:
-    """Computes the terms of places at which configurations are known.
+    """Computation of the terms of base poses with known configurations.
 
     Args:
         moving: The robot with a moving base.
         sets: Sets of tasks.
-        movable: Joints of the moving robot that may move, except the base's; a mask of shape (robot.n,).
-        q0: Joint positions to come from, shape (n,) [rad or m].
-        stand: The current place, shape (3,): x, y [m] and yaw [rad].
+        movable: Mask of the joints of the moving robot that may move, without the base's, shape (robot.n,).
+        q0: Joint positions at the start, shape (n,) [rad or m].
+        stand: Current base pose: x, y [m] and yaw [rad], shape (3,).
         weights: Weights of the terms.
     """
 
@@ -116,9 +117,9 @@ class Scorer:
         }
 
     def limit_margins(self, q: Array) -> tuple[Array, np.ndarray]:
-        """Return the least margin over sets, shape (N,), and its joint, shape (N,), of q, shape (T, N, n).
+        """Return the minimum margin over sets and its joint's index, shape (N,) each, at q, shape (T, N, n).
 
-        The margin is NaN and the joint -1 where no joint with limits is used.
+        The margin is NaN and the index -1 if no joint with limits is used.
         """
         robot, count = self._moving.robot, q.shape[1]
         least, joint = np.full(count, np.inf), np.full(count, -1)
@@ -135,7 +136,7 @@ class Scorer:
         return np.where(joint < 0, np.nan, least), joint
 
     def manipulabilities(self, q: Array) -> Array:
-        """Return the least share of the largest manipulability, shape (N,), of q, shape (T, N, n)."""
+        """Return the minimum ratio to the maximum manipulability, shape (N,), at q, shape (T, N, n)."""
         least = np.full(q.shape[1], np.inf)
         for states, frames in zip(q, self._frames, strict=True):
             for frame in frames:
@@ -144,12 +145,12 @@ class Scorer:
         return np.where(np.isinf(least), np.nan, np.minimum(least, 1.0))
 
     def travels(self, places: Array) -> tuple[Array, Array]:
-        """Return ways [m] and turns [rad] from the current place to places, shape (N, 3)."""
+        """Return distances [m] and rotations [rad] from the current base pose to others, shape (N, 3)."""
         shift = places - self._stand
         return np.hypot(shift[:, 0], shift[:, 1]), np.abs(wrapped(shift[:, 2]))
 
     def scores(self, margin: Array, skill: Array, clearance: Array, distance: Array, turn: Array) -> Array:
-        """Return the scores, shape (N,), of quantities of that shape; NaN and infinite ones are left out."""
+        """Return the scores from terms, shape (N,) each; NaN terms and infinite clearances are left out."""
         weights = self._weights
         way = distance + METERS_PER_RADIAN * turn
         near = np.where(np.isinf(clearance), np.nan, np.clip(clearance / ENOUGH_CLEARANCE, 0.0, 1.0))
@@ -160,7 +161,7 @@ class Scorer:
         return np.asarray((factors * np.nan_to_num(shares)).sum(axis=0) / np.where(total > 0, total, 1.0))
 
     def _most_manipulable(self, frame: str, q0: Array, movable: np.ndarray) -> float:
-        """Return the largest manipulability of a frame among random postures.
+        """Return the maximum manipulability of a frame among random postures.
 
         `q0` has shape (n,) [rad or m]; `movable` is a mask over the moving robot, shape (robot.n,).
         """

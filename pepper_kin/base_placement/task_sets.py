@@ -1,4 +1,4 @@
-"""Targets of a base placement: sets of tasks, each for one configuration."""
+"""Targets of a base placement: sets of tasks, one set for each configuration."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ def task_sets(pepper: PepperModel, tasks: Given) -> tuple[TaskSet, ...]:
 
     Args:
         pepper: The robot.
-        tasks: One task, a list of tasks that one configuration meets, or a list of such lists.  Tasks with N
-            targets stand for N sets.
+        tasks: One task, a list of tasks that one configuration meets, or a list of lists of tasks. Tasks with
+            N targets stand for N sets.
 
     Raises:
-        InvalidValueError: for no task, something that is none, tasks mixed with lists of tasks, or numbers of
-            targets that differ within a set.
+        InvalidValueError: for no task, anything but tasks, tasks mixed with lists of tasks, or different
+            numbers of targets within a set.
         UnknownNameError: for a frame or joint that the robot lacks.
     """
     sets: list[TaskSet] = []
@@ -43,6 +43,7 @@ def task_sets(pepper: PepperModel, tasks: Given) -> tuple[TaskSet, ...]:
 
 
 def _groups(tasks: Given) -> list[list[Task | TaskGroup]]:
+    """Return the lists of tasks of each set, groups not expanded."""
     if isinstance(tasks, (Task, TaskGroup)):
         return [[tasks]]
     if not isinstance(tasks, Iterable) or isinstance(tasks, (str, bytes)):
@@ -62,7 +63,7 @@ def _groups(tasks: Given) -> list[list[Task | TaskGroup]]:
 
 
 def _named(pepper: PepperModel, task: Task) -> Task:
-    """Return the task; a posture of all joints names them, for the robot with a moving base has more."""
+    """Return the task; a posture of all joints gets their names, since the moving robot has more joints."""
     if not isinstance(task, JointPosture) or task.joints is not None:
         return task
     return task.altered(joints=pepper.joint_names)

@@ -1,4 +1,4 @@
-"""Evaluation of candidate places: reached targets and scores."""
+"""Evaluation of candidate base poses: reached targets and scores."""
 
 from __future__ import annotations
 
@@ -19,27 +19,27 @@ if TYPE_CHECKING:
 
 STARTS = 3
 STEPS = 60
-"""Restarts and steps of a first look; only the best places are searched as `solve` would."""
+"""Restarts and steps of the first search; only the best base poses get a full search."""
 
 OTHER_STARTS = 4
 HALF_WAY = 0.5
-"""Further starts where a solution touches something, each so much of the way to a random posture."""
+"""Number of further starts for a solution in collision, and their fraction of the way to a random posture."""
 
 
 @dataclass(frozen=True, eq=False)
 class Trials:
-    """N places and the solutions found at each, for T sets of tasks.
+    """N base poses and the solutions found at each, for T sets of tasks.
 
     Attributes:
-        places: x, y [m], yaw [rad], shape (N, 3).
-        q: Joint positions of the moving robot, shape (T, N, n).
+        places: Base poses: x, y [m], yaw [rad], shape (N, 3).
+        q: Joint positions of the moving robot [rad or m], shape (T, N, n).
         reached: Whether each set is met, shape (N, T).
-        iterations: Steps over all starts from q0, shape (N, T).
-        restarts: Starts used after q0, shape (N, T).
-        violation: Sum over all tasks of error / tolerance where that is above 1, shape (N,).
-        touching: Whether any configuration touches something, shape (N,); looked at only where all sets are
-            met, unless collisions are left out.
-        scores: Without clearance, shape (N,); 0 where a set is not met.
+        iterations: Number of steps over all starts, shape (N, T).
+        restarts: Number of starts used after q0, shape (N, T).
+        violation: Sum of the tasks' ratios error / tolerance that are above 1, shape (N,).
+        touching: Whether any configuration is in collision, shape (N,); checked only if all sets are met and
+            collisions count.
+        scores: Scores without clearance, shape (N,); 0 if a set is not met.
     """
 
     places: Array
@@ -58,11 +58,11 @@ class Trials:
 
     @property
     def good(self) -> np.ndarray:
-        """Whether all sets are met and nothing touches, shape (N,)."""
+        """Whether all sets are met without collision, shape (N,)."""
         return self.all_reached & ~self.touching
 
     def order(self) -> np.ndarray:
-        """Return the rows, the best first: free, then touching, then by what is reached and how nearly."""
+        """Return the rows, the best first: good ones, then by number of reached sets, violation and score."""
         return np.lexsort(
             (np.arange(len(self.places)), -self.scores, self.violation, -self.reached.sum(axis=1), ~self.good)
         )
@@ -78,17 +78,17 @@ class Trials:
 
 @dataclass(frozen=True, eq=False)
 class CandidateEvaluator:
-    """Evaluates candidate places.
+    """Evaluator of candidate base poses.
 
     Attributes:
         moving: The robot with a moving base.
         sets: Sets of tasks.
-        q0: Joint positions to come from, shape (n,) [rad or m].
-        names: Joints that may move.
-        scorer: Scores what is found.
-        scene: What to keep clear of; None leaves collisions out.
-        seed: Of the restarts.
-        threads: Threads that share the places.
+        q0: Joint positions at the start, shape (n,) [rad or m].
+        names: Names of the joints that may move.
+        scorer: Scorer of the solutions.
+        scene: Scene of the collision checks; None for no checks.
+        seed: Seed of the restarts.
+        threads: Number of threads that share the base poses.
     """
 
     moving: MovingBase
@@ -106,7 +106,7 @@ class CandidateEvaluator:
         return self.scene is not None and bool(self.scene.objects)
 
     def __call__(self, places: Array) -> Trials:
-        """Search from every place, shape (N, 3), for a configuration for every set."""
+        """Search a configuration for every set at every base pose, shape (N, 3) [m, m, rad]."""
         starts = self.moving.states(self.q0, places)
         found = [
             solve_batch(
@@ -135,14 +135,15 @@ class CandidateEvaluator:
         return Trials(places, q, reached, iterations, restarts, violation, touching, scores)
 
     def _kept_clear(self, starts: Array, q: Array) -> tuple[Array, np.ndarray]:
-        """Search other solutions where one is in collision.
+        """Search other solutions in place of those in collision.
 
         Args:
-            starts: The joint vectors that the search came from, shape (N, n).
-            q: Solutions, shape (T, N, n).
+            starts: Joint vectors from which the search started [rad or m], shape (N, n).
+            q: Solutions [rad or m], shape (T, N, n).
 
         Returns:
-            Solutions, those replaced that could be, and whether any of a place still touches, shape (N,).
+            Solutions, with replacements where found, shape (T, N, n), and whether a solution of each base
+            pose is still in collision, shape (N,).
         """
         touching = np.zeros(q.shape[1], dtype=bool)
         if self.scene is None:

@@ -2,9 +2,9 @@
 
     kernel                                    machine code of a quantity by name
     over_states, all_over_states, state_data  a function of one state, over arrays of states
-    KERNEL_FROM                               batches of so many states and more go to machine code
+    KERNEL_FROM                               minimum number of states for machine code
 
-Machine code of a robot's quantities is compiled once and kept on disk.
+Machine code of a robot's quantities is compiled once and cached on disk.
 """
 
 from pepper_kin.batch.kernels_of import kernel

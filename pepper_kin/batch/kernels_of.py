@@ -21,25 +21,25 @@ _lock = threading.Lock()
 def kernel(
     pepper: PepperModel, quantity: str, *args: object, dtype: str = "float64", wide: bool = False
 ) -> Kernel:
-    """Return the compiled kernel of a quantity: of `symbolic.function(pepper, quantity, *args)`.
+    """Return the compiled kernel of `symbolic.function(pepper, quantity, *args)`.
 
-    The first use compiles it (a fraction of a second for most, some seconds for derivatives) and keeps the
+    The first use compiles it (a fraction of a second for most, some seconds for derivatives) and caches the
     machine code on disk; later uses, in other processes too, load it without building the expression.
 
     Args:
         pepper: The robot.
-        quantity: A name of `symbolic.QUANTITIES`, such as "inverse_dynamics".
-        *args: What that quantity takes besides the robot, such as a frame's name.
+        quantity: Name of a quantity, see `symbolic.QUANTITIES`, such as "inverse_dynamics".
+        *args: Arguments of the quantity after the robot, such as a frame's name.
         dtype: "float64" or "float32".
-        wide: Whether to use the widest vectors of the processor, which is worth it for tens of thousands of
-            states; else those of 32 bytes that come with the package for everyday quantities.
+        wide: Whether to use the widest vectors of the processor, which pays for tens of thousands of states;
+            otherwise vectors of 32 bytes, for which the package has code of everyday quantities.
 
     Returns:
-        The kernel: call it with arrays of shape (N, n), `threads=` and `out=`.
+        The kernel, to be called with arrays of shape (N, n), `threads=` and `out=`.
 
     Raises:
         UnknownNameError: for an unknown quantity or frame.
-        InvalidValueError: for another dtype, arguments that are no names, or no robot.
+        InvalidValueError: for another dtype, arguments that are not names, or anything but a robot.
     """
     if not isinstance(pepper, PepperModel):
         raise InvalidValueError("pepper", repr(pepper), "a PepperModel, as load_pepper gives")

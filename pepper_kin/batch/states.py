@@ -1,4 +1,4 @@
-"""Batches of states: few states are evaluated one by one, many by a compiled kernel."""
+"""Batches of states: few states are evaluated one by one, many states by a compiled kernel."""
 
 from __future__ import annotations
 
@@ -19,28 +19,28 @@ from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_joint_vectors
 
 KERNEL_FROM = 24
-"""Number of states from which on a kernel is used: below, its call costs as much as the states."""
+"""Minimum number of states for which a kernel is used: for fewer, its call costs as much as the states."""
 
 WIDE_FROM = 10_000
-"""Number of states from which on code for the widest vectors of the processor is worth making."""
+"""Minimum number of states for which code with the processor's widest vectors is compiled."""
 
 WIDE_OPERATIONS = 16
-"""Operations for each number of the result from which on wide vectors pay.
-
-Results are turned from vectors into rows by shuffles, of which a processor does no more with wide vectors."""
+"""Minimum number of operations per number of the result for which wide vectors pay: results are transposed
+from vectors to rows by shuffles, which wide vectors do not speed up."""
 
 
 _ABSENT: Any = object()
 
 
 def state_data(pepper: PepperModel, q: Any, v: Any = _ABSENT, a: Any = _ABSENT) -> Any:
-    """Return the `pinocchio.Data` to compute with, if Pinocchio's functions can take these arrays unchanged.
+    """Return the `pinocchio.Data` if Pinocchio's functions can use the arrays unchanged, else None.
 
     This is the frequent case: (n,) arrays of floats within range, and a robot whose coordinates are
     Pinocchio's.
 
     Returns:
-        The data of this thread, or None, where `over_states` converts, refuses or goes over a batch.
+        The data of this thread, or None if `over_states` has to convert or refuse values or iterate over a
+        batch.
     """
     try:
         if a is not _ABSENT:
@@ -53,7 +53,7 @@ def state_data(pepper: PepperModel, q: Any, v: Any = _ABSENT, a: Any = _ABSENT) 
 
 
 def _are_plain(n: int, *state: Any) -> bool:
-    """Whether all are plain (n,) arrays of floats within range: nothing needs converting or naming."""
+    """Whether all arguments are (n,) arrays of floats within range, which need no conversion or check."""
     try:
         return (_is_one, _are_two, _are_three)[len(state) - 1](n, *state)
     except TypeError:
@@ -61,7 +61,7 @@ def _are_plain(n: int, *state: Any) -> bool:
 
 
 def _load_tests(n: int, *state: Any) -> bool:
-    """Load the compiled tests; the Python functions would accept other types too."""
+    """Load the compiled tests; their Python functions would accept other types, too."""
     global _is_one, _are_two, _are_three
     if INTERPRETED:
         _is_one = _are_two = _are_three = lambda *_: False
@@ -84,7 +84,7 @@ def over_states(
 ) -> Array:
     """Evaluate a function of one state with one result for every state of a batch, shape (..., *shape).
 
-    The arguments are those of `all_over_states`, which returns several results.
+    The arguments are as in `all_over_states`, which returns several results.
     """
     return all_over_states(pepper, lambda *state: (function(*state),), (shape,), quantity, **quantities)[0]
 
@@ -100,10 +100,10 @@ def all_over_states(
 
     Args:
         pepper: The robot.
-        function: Takes one (n,) vector per quantity and returns new arrays.
+        function: Function of one (n,) vector per quantity that returns new arrays.
         shapes: Shape of each result for one state.
-        quantity: Name of the same function in `symbolic.QUANTITIES`, and what it takes besides the robot;
-            None where there is no kernel for it.  Of a robot with `solvers` "reference" none is used.
+        quantity: Name of the function in `symbolic.QUANTITIES`, and its arguments after the robot; None if it
+            has no kernel. For a robot with `solvers` "reference" no kernel is used.
         **quantities: Joint vectors with leading batch axes, shape (..., n), by the name used in messages;
             their batch axes broadcast against one another.
 
@@ -133,7 +133,7 @@ def all_over_states(
 
 
 def _exact(results: tuple[Array, ...], shapes: tuple[tuple[int, ...], ...]) -> tuple[Array, ...]:
-    """Return the results of one state, reshaped to float arrays of exactly these shapes."""
+    """Return the results of one state as float arrays of the given shapes."""
     return tuple(
         value
         if type(value) is np.ndarray and value.shape == shape
@@ -154,11 +154,11 @@ def _by_kernel(
 
     Args:
         pepper: The robot.
-        quantity: See `all_over_states`.
+        quantity: Name and arguments of the quantity, see `all_over_states`.
         shapes: Shape of each result for one state.
         arrays: Joint vectors, shape (..., n) each.
-        batch: Their common leading axes.
-        quantities: The same by name, as the caller has them.
+        batch: Common leading axes of the joint vectors.
+        quantities: Joint vectors of the caller by name.
 
     Returns:
         The results, each of shape (*batch, *shape).
@@ -179,14 +179,14 @@ def _by_kernel(
 
 
 def _rows(array: Array, batch: tuple[int, ...]) -> Array:
-    """Return joint vectors of shape (..., n) as one for each state of a batch, shape (count, n)."""
+    """Return joint vectors, shape (..., n), broadcast to all states of a batch, shape (count, n)."""
     n = array.shape[-1]
     whole = array if array.shape[:-1] == batch else np.broadcast_to(array, (*batch, n))
     return whole if whole.ndim == 2 else whole.reshape(-1, n)
 
 
 def kernel_for(pepper: PepperModel, count: int, quantity: str, *args: object) -> Kernel:
-    """Return the kernel of a quantity that is fastest for so many states; see `kernel`."""
+    """Return the fastest kernel of a quantity for a number of states; see `kernel`."""
     found = kernel(pepper, quantity, *args)
     outputs = sum(found.signature.output_sizes)
     if count < WIDE_FROM or found.flop_count < WIDE_OPERATIONS * outputs:

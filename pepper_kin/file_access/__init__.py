@@ -1,4 +1,4 @@
-"""Files, of whatever content: read with refusals that name the file, and written whole or not at all.
+"""Reading of files with errors that name the file, and atomic writing.
 
 reading          bytes, texts, JSON and numbers of files
 numpy_archive    NumPy archives, within a memory limit

@@ -1,4 +1,4 @@
-"""Files that are either written whole or not at all."""
+"""Atomic writing of files: complete or not at all."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from typing import BinaryIO, TypeAlias
 from pepper_kin.exceptions import FileFormatError, InvalidValueError
 
 PathName: TypeAlias = str | os.PathLike[str]
-"""The name of a file or folder."""
+"""Name of a file or folder."""
 
 
 def as_path(path: object, quantity: str = "path") -> Path:
     """Return the name of a file or folder as a path.
 
     Raises:
-        InvalidValueError: naming the quantity, for what is neither a text nor a path.
-        FileFormatError: for a name that no file has: with a null character, half of a surrogate pair, or a
+        InvalidValueError: naming the quantity, for anything but a text or a path.
+        FileFormatError: for an impossible name: with a null character, half of a surrogate pair, or a
             character that the locale's encoding lacks.
     """
     if not isinstance(path, str | os.PathLike):
@@ -42,10 +42,10 @@ def as_path(path: object, quantity: str = "path") -> Path:
 
 
 def make_folder(path: str | os.PathLike[str]) -> Path:
-    """Make a folder, with those above it; one that is there already is fine.
+    """Create a folder and its parents, if missing.
 
     Raises:
-        FileFormatError: naming the path and why it cannot be made.
+        FileFormatError: naming the path and the reason why it cannot be created.
     """
     folder = as_path(path)
     try:
@@ -57,10 +57,10 @@ def make_folder(path: str | os.PathLike[str]) -> Path:
 
 
 def check_folder(path: str | os.PathLike[str]) -> None:
-    """Check that a folder is there or can be made, before long work whose results go into it.
+    """Check that a folder exists or can be created, before long work whose results are written to it.
 
     Raises:
-        FileFormatError: naming the path and what is in the way.
+        FileFormatError: naming the path and the obstacle.
     """
     folder = as_path(path).absolute()
     there = next(place for place in (folder, *folder.parents) if os.path.lexists(place))
@@ -71,10 +71,10 @@ def check_folder(path: str | os.PathLike[str]) -> None:
 
 
 def check_file(path: str | os.PathLike[str]) -> Path:
-    """Make the folder of a file, and check that the file can be written, before long work that ends in it.
+    """Create the folder of a file, and check that the file can be written, before long work.
 
     Raises:
-        FileFormatError: naming the path and what is in the way.
+        FileFormatError: naming the path and the obstacle.
     """
     target = as_path(path)
     folder = make_folder(target.parent)
@@ -101,11 +101,11 @@ def write_text(path: str | os.PathLike[str], text: str) -> Path:
 
 
 def write_bytes(path: str | os.PathLike[str], content: bytes) -> Path:
-    """Write a file at once; see `whole_file`.
+    """Write a file atomically; see `whole_file`.
 
     Args:
         path: The file; its folder must exist.
-        content: What it shall hold.
+        content: Content of the file.
 
     Returns:
         The path.
@@ -120,12 +120,12 @@ def write_bytes(path: str | os.PathLike[str], content: bytes) -> Path:
 
 @contextlib.contextmanager
 def whole_file(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
-    """Open a file for writing so that a reader sees the old content or the new, never a part.
+    """Open a file for writing such that readers see the old or the new content, never a part.
 
     The content goes to a temporary file in the same folder, which takes the file's name in one step at the
     end of the context, and is removed after an exception.  An existing file keeps its permissions; a new one
-    gets the usual ones.  Where the path is a link, what it names is replaced, not the link.  A device or a
-    pipe gets the content at the end of the context.
+    gets the usual ones. For a link, its target is replaced, not the link. A device or a pipe gets the content
+    at the end of the context.
 
     Args:
         path: The file; its folder must exist.
@@ -149,7 +149,7 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
 
 @contextlib.contextmanager
 def _replaced(target: Path) -> Iterator[BinaryIO]:
-    """Open a temporary file beside a file, whose name it takes at the end."""
+    """Open a temporary file beside a file, which it replaces at the end."""
     handle, temporary = _temporary(target)
     try:
         with os.fdopen(handle, "w+b") as file:
@@ -165,7 +165,7 @@ def _replaced(target: Path) -> Iterator[BinaryIO]:
 
 @contextlib.contextmanager
 def _written_through(target: Path) -> Iterator[BinaryIO]:
-    """Open a temporary file whose content a device or a pipe gets at the end: it cannot be replaced."""
+    """Open a temporary file whose content is copied to a device or a pipe, which cannot be replaced."""
     with tempfile.TemporaryFile() as file:
         yield file
         file.seek(0)
@@ -174,13 +174,13 @@ def _written_through(target: Path) -> Iterator[BinaryIO]:
 
 
 def _temporary(target: Path) -> tuple[int, Path]:
-    """Make a file beside another, with its permissions, or with those that a new file gets."""
+    """Create a file beside another, with its permissions, or with a new file's if it does not exist."""
     try:
         mode: int | None = target.stat().st_mode & 0o777
     except FileNotFoundError:
         mode = None
     flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
-    # Of a long name a part: with more around it no file could be named so.
+    # Part of the name only: a long name with a prefix and suffix could exceed the limit.
     temporary = target.parent / f".{target.name[:32]}.{os.urandom(6).hex()}.part"
     handle = os.open(temporary, flags, 0o666 if mode is None else mode)
     if mode is not None:

@@ -1,4 +1,4 @@
-"""NumPy archives, read within a limit of memory: a compressed file can hold a thousand times its size."""
+"""NumPy archives, read within a memory limit: a compressed file can expand to a thousand times its size."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from pepper_kin.file_access.atomic_file import PathName, write_bytes
 from pepper_kin.file_access.reading import read_bytes
 
 MOST_BYTES = 500_000_000
-"""Most that the arrays of a file may take [bytes]."""
+"""Maximum size of the arrays of a file [bytes]."""
 
 
 def write_arrays(path: PathName, arrays: Mapping[str, Any], *, compressed: bool = True) -> Path:
-    """Write a NumPy archive, whole or not at all, and return its path.
+    """Write a NumPy archive atomically and return its path.
 
     Args:
         path: The file.
-        arrays: By name: arrays, numbers and texts.
-        compressed: Whether to compress them.
+        arrays: Arrays, numbers and texts by name.
+        compressed: Whether to compress the arrays.
 
     Raises:
-        FileFormatError: naming the path and why it cannot be written.
+        FileFormatError: naming the path and the reason why it cannot be written.
     """
     content = io.BytesIO()
     (np.savez_compressed if compressed else np.savez)(content, **arrays)
@@ -37,19 +37,19 @@ def write_arrays(path: PathName, arrays: Mapping[str, Any], *, compressed: bool 
 
 
 def read_kinds(path: PathName, tag: str, kinds: Mapping[str, tuple[str, int] | None]) -> dict[str, Any]:
-    """Read an archive of one kind: with a text `format`, and arrays of known kinds.
+    """Read an archive with a text `format` and arrays of known types.
 
     Args:
         path: The file.
-        tag: Its `format`.
-        kinds: Name of each other array: kinds of its numbers and number of its axes, None for any.
+        tag: Expected text of `format`.
+        kinds: Array name -> allowed kinds of its dtype and number of axes; None for any.
 
     Returns:
-        The other arrays by name; those without axes as Python's values.
+        Arrays by name without `format`; arrays without axes as Python values.
 
     Raises:
-        FileFormatError: as `read_arrays`, and for another format, kind or number of axes, or floats that are
-            not finite.
+        FileFormatError: for the faults of `read_arrays`, another format, dtype or number of axes, or floats
+            that are not finite.
     """
     arrays: dict[str, Any] = read_arrays(path, ("format", *kinds))
     found = arrays.pop("format")
@@ -74,14 +74,14 @@ def read_arrays(path: PathName, expected: Collection[str] | None = None) -> dict
 
     Args:
         path: The file.
-        expected: Names of the arrays that it must hold, no more and no fewer; any if omitted.
+        expected: Exact set of array names; any if omitted.
 
     Returns:
         The arrays by name.
 
     Raises:
-        FileFormatError: naming the file, where it cannot be read, is damaged, holds other arrays, or more
-            than MOST_BYTES.
+        FileFormatError: naming the file, if it cannot be read, is damaged, has other arrays, or more than
+            MOST_BYTES.
     """
     content = read_bytes(path)
     try:
@@ -101,24 +101,24 @@ def read_arrays(path: PathName, expected: Collection[str] | None = None) -> dict
                 raise FileFormatError(path, f"holds {size} bytes of arrays, at most {MOST_BYTES} are read")
             arrays = {name: archive[name] for name in names}
             other = next((name for name, array in arrays.items() if not isinstance(array, np.ndarray)), None)
-            if other is not None:  # NumPy returns the bytes of a member that does not begin as arrays do
+            if other is not None:  # NumPy returns bytes for a member that is not an array
                 raise FileFormatError(path, f"is damaged: {shortened(repr(other))} is no array")
             return arrays
     except FileFormatError:
         raise
     except (ValueError, TypeError, AttributeError, EOFError, zipfile.BadZipFile, KeyError) as error:
         raise FileFormatError(path, f"is not a complete NumPy archive: {error}") from error
-    except MemoryError as error:  # a damaged member may announce any number of bytes
+    except MemoryError as error:  # a damaged member may declare any size
         raise FileFormatError(path, f"announces too much: {error}") from error
-    except Exception as error:  # zlib.error of a damaged member has no common base with the others
+    except Exception as error:  # such as zlib.error, which has no common base with the errors above
         raise FileFormatError(path, f"is damaged: {error}") from error
 
 
 def decompressed(data: bytes, most: int = MOST_BYTES) -> bytes:
-    """Return what `zlib.compress` was given.
+    """Return data decompressed by zlib.
 
     Raises:
-        ValueError: where it is more than `most` bytes, damaged or cut short.
+        ValueError: if the content exceeds `most` bytes, or the data are damaged or truncated.
     """
     engine = zlib.decompressobj()
     try:

@@ -1,4 +1,4 @@
-"""Figures of matplotlib, which is loaded when one is made, and files of them."""
+"""Figures of matplotlib, which is loaded at the first figure, and their files."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ def new_figure(purpose: str, **options: Any) -> Any:
     """Return a `matplotlib.figure.Figure` without pyplot: no window system and no global state.
 
     Args:
-        purpose: What it is for, for the message.
-        **options: Of the figure, such as `figsize` [inch].
+        purpose: Purpose of the figure, for the error message.
+        **options: Options of the figure, such as `figsize` [inch].
 
     Raises:
-        MissingDependencyError: where matplotlib is not installed.
+        MissingDependencyError: if matplotlib is not installed.
     """
     figure = optional("matplotlib.figure", extra="plot", need=purpose).Figure(layout="constrained", **options)
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -29,17 +29,17 @@ def new_figure(purpose: str, **options: Any) -> Any:
 
 FORMATS = ("png", "pdf", "svg")
 COLORS = ("#1f77b4", "#d95f02", "#1b9e77", "#7570b3", "#e7298a", "#66a61e", "#a6761d", "#444444")
-"""Of the lines of plots, in turn; from the ninth on they are dashed."""
+"""Colors of the lines of plots in order; from the ninth line on they repeat with dashes."""
 LIMIT_COLOR = "#c0392b"
 
 
 def line_style(number: int) -> tuple[str, Any]:
-    """Return color and style of a line by its number, from 0 on."""
+    """Return color and style of a line by its index."""
     return COLORS[number % len(COLORS)], "-" if number < len(COLORS) else "--"
 
 
 def plain_words(text: str) -> str:
-    """Return text that matplotlib can draw: names of files may hold what is no character."""
+    """Return text that matplotlib can draw: file names may contain halves of surrogate pairs."""
     return text.encode("utf-8", "replace").decode()
 
 
@@ -47,7 +47,7 @@ def figure_format(path: PathName) -> str:
     """Return the format of a figure's file by its suffix.
 
     Raises:
-        UnknownNameError: for another one than `FORMATS`.
+        UnknownNameError: for a suffix that is not in `FORMATS`.
     """
     kind = Path(path).suffix.lower().lstrip(".")
     if kind not in FORMATS:
@@ -56,10 +56,12 @@ def figure_format(path: PathName) -> str:
 
 
 def write_figure(figure: Any, path: PathName, kind: str = "png", dpi: float = 100) -> Path:
-    """Write a figure as a file of a format; return its path.  Fonts go into a PDF whole, as printers ask.
+    """Write a figure as a file of a format and return its path.
+
+    A PDF contains its fonts as TrueType, as print shops require.
 
     Raises:
-        FileFormatError: where the file cannot be written.
+        FileFormatError: if the file cannot be written.
     """
     from matplotlib import rc_context
 

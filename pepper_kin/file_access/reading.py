@@ -1,4 +1,4 @@
-"""Bytes, texts, JSON and numbers of files, read with refusals that name the file."""
+"""Reading of bytes, texts, JSON and numbers from files, with errors that name the file."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def read_bytes(path: PathName) -> bytes:
     """Return the content of a file.
 
     Raises:
-        FileFormatError: where it cannot be read.
+        FileFormatError: if the file cannot be read.
         InvalidValueError: for a path that is neither text nor a path.
     """
     try:
@@ -33,7 +33,7 @@ def read_text(path: PathName) -> str:
     """Return the text of a file, with line feeds as line ends and without a byte order mark.
 
     Raises:
-        FileFormatError: where it cannot be read, or is not UTF-8.
+        FileFormatError: if the file cannot be read, or is not UTF-8.
         InvalidValueError: for a path that is neither text nor a path.
     """
     try:
@@ -44,13 +44,13 @@ def read_text(path: PathName) -> str:
 
 
 def read_json(path: PathName) -> tuple[Any, str]:
-    """Read a JSON file strictly: no field twice in one object, no NaN, no number beyond the floats.
+    """Read a JSON file strictly: no duplicate fields, no NaN, no number beyond the range of floats.
 
     Returns:
-        What it holds, and its text, for `line_of`.
+        Contents and text of the file, for `line_of`.
 
     Raises:
-        FileFormatError: naming the file, the line where it is known, and what is wrong.
+        FileFormatError: naming the file, the line if known, and the fault.
         InvalidValueError: for a path that is neither text nor a path.
     """
     text = read_text(path)
@@ -92,7 +92,7 @@ def read_json(path: PathName) -> tuple[Any, str]:
 
 
 def line_of(text: str, word: str, occurrence: int = 1) -> int | None:
-    """Return the line of an occurrence of a word in a text, counted from 1; None where there is none."""
+    """Return the line of an occurrence of a word in a text, counted from 1; None without one."""
     place = -1
     for _ in range(occurrence):
         place = text.find(word, place + 1)
@@ -102,17 +102,17 @@ def line_of(text: str, word: str, occurrence: int = 1) -> int | None:
 
 
 def repeated(names: Iterable[str]) -> list[str]:
-    """Return the names that occur more than once, each once, in the order of their first places."""
+    """Return the names that occur more than once, in the order of their first occurrence."""
     return [name for name, count in Counter(names).items() if count > 1]
 
 
 def plain_whole(text: str) -> int | None:
-    """Return the whole number of up to 18 ASCII digits that a text states; None for anything else."""
+    """Return the integer of up to 18 ASCII digits in a text; None for anything else."""
     return int(text) if _PLAIN_WHOLE.fullmatch(text) else None
 
 
 def is_real_text(value: object) -> bool:
-    """Whether a value is a text of one or more characters, none of which is half of a surrogate pair."""
+    """Whether a value is a text with at least one character and no half of a surrogate pair."""
     if not isinstance(value, str) or not value:
         return False
     try:

@@ -5,10 +5,10 @@
     read_joint_states                         joint states of ROS, from MCAP or CSV
     read_choregraphe, read_naoqi_export       animations from other programs, as timelines
     naoqi_timeline                            lists for NAOqi, as a timeline
-    naoqi_arguments, NaoqiArguments           a motion as ALMotion.angleInterpolationBezier takes it
+    naoqi_arguments, NaoqiArguments           a motion as arguments of ALMotion.angleInterpolationBezier
     ros_points, MotionPoints                  a motion as the points of a JointTrajectory
 
-Functions that save take the object first and the path last; every file is written whole or not at all.
+Functions that save take the object first and the path last; every file is written atomically.
 """
 
 from pepper_kin.call_errors import name_options

@@ -1,4 +1,4 @@
-"""Certificates of motions before they go into files that robots play: of the curves that readers make."""
+"""Certificates of motions in files, computed for the curves that readers interpolate."""
 
 from __future__ import annotations
 
@@ -25,12 +25,13 @@ if TYPE_CHECKING:
     from pepper_kin.trajectory.limits import JerkLike
 
 SLOWED = 1e-4
-"""Greatest share by which a motion that uses a limit to the full is written slower."""
+"""Maximum relative slowing of a motion that uses a limit fully when it is written."""
 
 _LEVELS = ((1e-2, 0.0), (1e-3, 1e-5), (1e-4, 1e-5), (1e-5, SLOWED))
-"""Errors of acceleration as shares of the limits, and how much slower at least, one after the other."""
+"""Levels tried in turn: maximum error of acceleration relative to the limits, and minimum relative
+slowing."""
 
-_LEAST_DT = 1e-3  # [s] the shortest of those that are tried when one is refused, and their spacing
+_LEAST_DT = 1e-3  # minimum dt tried after a refused one, and step of the values tried [s]
 
 
 class Conditions(TypedDict, total=False):
@@ -45,35 +46,35 @@ class Conditions(TypedDict, total=False):
 
 
 class Examination(NamedTuple):
-    """What a motion is examined with.
+    """Robot and conditions of a motion's check.
 
     Attributes:
         pepper: The robot.
-        conditions: Options of `pepper_kin.trajectory.check`, the scene among them.
+        conditions: Options of `pepper_kin.trajectory.check`, such as the scene.
     """
 
     pepper: PepperModel
     conditions: Conditions
 
     def certificate(self, trajectory: Trajectory) -> Certificate:
-        """Return what the library's own `check` finds.
+        """Return the certificate of `pepper_kin.trajectory.check`.
 
         Raises:
-            InvalidValueError: for a subclass, which may play another motion than the one examined.
+            InvalidValueError: for a subclass of `Trajectory`, whose motion may differ from the checked one.
         """
         if type(trajectory) is not Trajectory:
             raise InvalidValueError("trajectory", f"a {type(trajectory).__name__}", "a Trajectory itself")
         return check(self.pepper, trajectory, **self.conditions)
 
     def passes(self, curve: Trajectory) -> bool:
-        """Return whether a curve passes; states that exceed a limit by far spare the whole check."""
+        """Return whether a curve passes; the full check is skipped if a limit is exceeded at some states."""
         return slowing_needed(self.pepper, curve).max() <= 1.0 + 1e-8 and self.certificate(curve).success
 
     def refuse(self, trajectory: Trajectory, advice: str) -> None:
-        """Refuse a trajectory that itself fails.
+        """Refuse a trajectory that fails its own certificate.
 
         Raises:
-            InvalidValueError: with what fails, and by how much.
+            InvalidValueError: with the failed checks and their amounts.
         """
         certificate = self.certificate(trajectory)
         if not certificate.success:
@@ -92,19 +93,19 @@ def examination(
     *,
     needed: bool = True,
 ) -> Examination | None:
-    """Return what a motion is to be examined with; None where it is not.
+    """Return the robot and conditions of a motion's check; None for no check.
 
     Args:
         trajectory: The motion.
-        pepper: The robot that is to play it; None for Pepper with joints of these names.
-        unchecked: Whether to let anything pass.
+        pepper: The robot that is to play the motion; None for the Pepper whose joints have the motion's
+            names.
+        unchecked: Whether to skip the check.
         conditions: Options of `pepper_kin.trajectory.check`.
-        needed: Whether an unknown robot is an error, rather than no examination.
+        needed: Whether an unknown robot is an error; otherwise the check is skipped.
 
     Raises:
-        InvalidValueError: for joints of no robot that is known; or for an `unchecked` that is neither True
-            nor False.
-        CallError: for another option.
+        InvalidValueError: for joints of an unknown robot, or an `unchecked` that is neither True nor False.
+        CallError: for an unknown option.
     """
     checked_trajectory(trajectory)
     if not isinstance(unchecked, bool):
@@ -124,20 +125,20 @@ def examination(
 def certified_points(
     trajectory: Trajectory, step: float, dt: float | None, examined: Examination | None, bezier: bool = False
 ) -> MotionPoints:
-    """Return points of a trajectory whose curve passes its certificate.
+    """Return points of a trajectory whose interpolated curve passes its certificate.
 
     Args:
         trajectory: The trajectory.
-        step: Time between points that is tried first where no dt is given [s].
-        dt: Time between points [s]; None to choose points that pass: every `step` if these do, else at the
-            motion's jumps of acceleration and as near to each other as it takes.  A motion that uses a limit
-            to the full gets slower then, by at most `SLOWED`.
-        examined: What the curve is examined with; None for any curve.
-        bezier: Whether NAOqi is to interpolate.
+        step: Time between points that is tried first without dt [s].
+        dt: Time between points [s]; None to choose points that pass: every `step` if that passes, else at the
+            motion's jumps of acceleration and as dense as needed. A motion that uses a limit fully is then
+            slowed by at most `SLOWED`.
+        examined: Robot and conditions of the check; None for no check.
+        bezier: Whether NAOqi interpolates.
 
     Raises:
         InvalidValueError: for a dt that is not above zero; for a trajectory that fails its certificate; or
-            for one whose curve does, with what fails, where, and the largest dt that passes.
+            for one whose curve fails, with the failed checks, time and the largest dt that passes.
     """
     points = points_every(trajectory, step if dt is None else dt, bezier)
     if examined is None or examined.passes(curve := points.curve()):
@@ -172,11 +173,12 @@ def certified_points(
 
 
 def _first(certificate: Certificate) -> str:
+    """Return the sentence of the first failed check."""
     return certificate.checks[certificate.failures[0]].sentence()
 
 
 def _largest_dt(trajectory: Trajectory, dt: float, examined: Examination, bezier: bool) -> str:
-    """Return which dt below a given one passes, of whole milliseconds, in words; halved, then bisected."""
+    """Return the largest passing dt in whole milliseconds below a given one, in words, by bisection."""
 
     def passes(count: int) -> bool:
         return examined.passes(points_every(trajectory, count * _LEAST_DT, bezier).curve())
@@ -206,14 +208,15 @@ def refuse_unsafe(
 
     Args:
         trajectory: The motion.
-        pepper: The robot that is to play it; None for Pepper with joints of these names.
+        pepper: The robot that is to play the motion; None for the Pepper whose joints have the motion's
+            names.
         scene: The `pepper_kin.collision.Scene` around it; None for the robot against itself only.
-        payload: Point masses held, as `pepper_kin.trajectory.check` takes them.
-        unchecked: Whether to let anything pass.
-        advice: What else the caller may do, for the message.
+        payload: Point masses at "left", "right" or a frame by name [kg].
+        unchecked: Whether to skip the check.
+        advice: Alternatives of the caller, for the message.
 
     Raises:
-        InvalidValueError: with what fails, and by how much; for joints of no robot that is known; or for an
+        InvalidValueError: with the failed checks and their amounts; for joints of an unknown robot; or for an
             `unchecked` that is neither True nor False.
     """
     examined = examination(trajectory, pepper, unchecked, {"scene": scene, "payload": payload})
@@ -222,7 +225,7 @@ def refuse_unsafe(
 
 
 def pepper_with_joints(names: tuple[str, ...]) -> PepperModel | None:
-    """Return the Pepper that has joints of these names in this order; None if there is none."""
+    """Return the Pepper whose joints have the names in the given order; None if there is none."""
     for base, hands in itertools.product(("fixed", "planar"), ("locked", "mimic", "independent")):
         try:
             robot = load_pepper(base=base, hands=hands)

@@ -1,4 +1,4 @@
-"""Animations from Choregraphe's behaviors and projects, and from lists for NAOqi."""
+"""Animations from Choregraphe's behaviors and projects, and from NAOqi's lists of keys."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from pepper_kin.model.joint_vectors import as_finite
 from pepper_kin.trajectory.key_curve import Handle, JointCurve, Key
 from pepper_kin.trajectory.timeline import HANDS, Timeline
 
-# How NAOqi numbers the kinds; Choregraphe exports 3 for handles that it computed itself.
+# NAOqi's numbers of interpolation types; Choregraphe exports 3 for handles that it computed itself.
 NAOQI_KINDS = {0: "constant", 1: "linear", 2: "bezier", 3: "bezier"}
 _XML_KINDS = {"bezier": "bezier", "linear": "linear", "constant": "constant", "bezier_auto": "auto"}
 _DEGREE, _SHARE, _UNSTATED = 0, 1, -1
@@ -27,22 +27,22 @@ _APPEND = re.compile(r"\s*(?:\w+\.)*(names|times|keys)\.append\((.*)")
 def read_choregraphe(path: PathName) -> tuple[Timeline, ...]:
     """Read all timelines with motion of a behavior (.xar) or of the behaviors of a project (.pml).
 
-    Of behaviors in the older format, which keep their boxes in other files, the files with the root
-    `Animation` can be read one by one.
+    Behaviors in the older format keep their boxes in other files, of which those with the root `Animation`
+    can be read one by one.
 
-    A key at frame f is at (f - start_frame) / fps seconds, as the robot's own player takes it; keys before
-    the start frame are left out, and so are muted curves.  Angles are degrees, of hands shares, also where a
-    file leaves their unit open (-1).  Handles are
-    frames and degrees from their key; keys without handles have automatic ones.
+    A key at frame f is at (f - start_frame) / fps seconds, as in the robot's player; keys before the start
+    frame and muted curves are left out. Angles are in degrees and hands in fractions of opening, also if a
+    file does not state the unit (-1). Handles are in frames and degrees relative to their key; keys without
+    handles have automatic ones.
 
     Args:
         path: A file with the suffix .xar or .pml.
 
     Returns:
-        One timeline for each that moves something, in the file's order, named by the boxes around it.
+        Timelines that move a joint, in the file's order, named by the boxes around them.
 
     Raises:
-        FileFormatError: naming path, line and what is wrong; also where no timeline moves anything.
+        FileFormatError: naming path, line and fault; also if no timeline moves a joint.
     """
     if Path(path).suffix.lower() == ".pml":
         return _project(path)
@@ -62,15 +62,15 @@ def read_choregraphe(path: PathName) -> tuple[Timeline, ...]:
 def naoqi_timeline(
     names: Sequence[str], times: Sequence[Sequence[float]], keys: Sequence[Sequence[Any]], name: str = "keys"
 ) -> Timeline:
-    """Return the animation of the arguments of `ALMotion.angleInterpolationBezier`.
+    """Return the animation from the arguments of `ALMotion.angleInterpolationBezier`.
 
     Args:
-        names: Joints.
-        times: For each joint the times of its keys [s].
-        keys: For each joint its keys: an angle [rad], or [angle, [kind, dTime, dAngle], [kind, dTime,
-            dAngle]] with the handles before and behind the key; kinds are 0 constant, 1 linear, 2 and 3
-            Bezier.  Keys that are plain angles have automatic handles.
-        name: For messages.
+        names: Names of the joints.
+        times: Times of each joint's keys [s].
+        keys: Keys of each joint: an angle [rad], or [angle, [kind, dTime, dAngle], [kind, dTime, dAngle]]
+            with the handles before and behind the key; kinds are 0 constant, 1 linear, 2 and 3 Bezier.  Keys
+            that are plain angles have automatic handles.
+        name: Name of the timeline.
 
     Raises:
         InvalidValueError: naming joint and key, for lists of different lengths, NaN, or times out of order.
@@ -93,7 +93,7 @@ def naoqi_timeline(
 
 
 def read_naoqi_export(path: PathName) -> Timeline:
-    """Read a Python script that Choregraphe exported a timeline to; the script is not run.
+    """Read a timeline from a Python script exported by Choregraphe; the script is not run.
 
     Such a script calls `names.append(...)`, `times.append(...)` and `keys.append(...)` once for each joint.
 
@@ -101,10 +101,10 @@ def read_naoqi_export(path: PathName) -> Timeline:
         path: The script.
 
     Raises:
-        FileFormatError: naming path and line and what is wrong there.
+        FileFormatError: naming path, line and fault.
     """
     lists: dict[str, list[Any]] = {"names": [], "times": [], "keys": []}
-    # Line by line: the script around the lists is Python 2, which Python 3 cannot parse.
+    # Read line by line, since Python 3 cannot parse the script, which is Python 2.
     for at, line in enumerate(read_text(path).splitlines(), start=1):
         begun = _APPEND.match(line)
         if begun is None:
@@ -123,6 +123,7 @@ def read_naoqi_export(path: PathName) -> Timeline:
 
 
 def _naoqi_key(joint: str, time: Any, key: Any) -> Key:
+    """Return a key from its list in the form of NAOqi."""
     what = f"key of {joint} at {shortened(time)} s"
     plain = not isinstance(key, (list, tuple))
     parts = [key] if plain else list(key)
@@ -143,10 +144,11 @@ def _finite(what: str, value: Any) -> float:
 
 
 def _project(path: PathName) -> tuple[Timeline, ...]:
+    """Return the timelines of all behaviors of a project."""
     found: list[Timeline] = []
     read: dict[tuple[Path, str], list[Timeline]] = {}
     for folder, file in behaviors_of(path):
-        if (file, folder) not in read:  # a project may name one file any number of times
+        if (file, folder) not in read:  # a project may name a file repeatedly
             read[file, folder] = list(_timelines(file, parse(file), (folder,)))
         found += read[file, folder]
     if not found:
@@ -155,10 +157,11 @@ def _project(path: PathName) -> tuple[Timeline, ...]:
 
 
 def behaviors_of(path: PathName) -> tuple[tuple[str, Path], ...]:
-    """Return folder and file of each behavior that a project (.pml) names.
+    """Return the folder and file of each behavior in a project (.pml).
 
     Raises:
-        FileFormatError: naming the line, for a file that is none, or outside the project's folder.
+        FileFormatError: naming the line, for anything but a project, and for a missing behavior or one
+            outside the project's folder.
     """
     root = parse(path)
     if root.tag != "Package":
@@ -184,7 +187,7 @@ def behaviors_of(path: PathName) -> tuple[tuple[str, Path], ...]:
 
 
 def _timelines(path: PathName, element: Element, boxes: tuple[str, ...]) -> Iterator[Timeline]:
-    """Yield the timelines below an element, named by the boxes on the way to them."""
+    """Yield the timelines below an element, named by the boxes around them."""
     if element.tag == "Box":
         boxes = (*boxes, element.attributes.get("name", "?"))
     if element.tag in ("Timeline", "Animation"):
@@ -196,7 +199,7 @@ def _timelines(path: PathName, element: Element, boxes: tuple[str, ...]) -> Iter
 
 
 def timeline_of(path: PathName, element: Element, name: str) -> Timeline | None:
-    """Return what a Timeline or Animation element moves, or None."""
+    """Return the motion of a Timeline or Animation element, or None."""
     elements = [curve for group in element.named("ActuatorList") for curve in group.named("ActuatorCurve")]
     heard = [curve for curve in elements if curve.attributes.get("mute", "0") not in ("1", "true")]
     if not any(curve.named("Key") for curve in heard):
@@ -214,6 +217,7 @@ def timeline_of(path: PathName, element: Element, name: str) -> Timeline | None:
 
 
 def _curve(path: PathName, element: Element, fps: float, first: float) -> JointCurve | None:
+    """Return the curve of a joint without keys before the first frame, or None."""
     joint = attribute(path, element, "actuator")
     usual = _SHARE if joint in HANDS else _DEGREE
     unit = int(number(path, element, "unit", str(usual)))
@@ -242,6 +246,7 @@ def _curve(path: PathName, element: Element, fps: float, first: float) -> JointC
 
 
 def _handles(path: PathName, key: Element, fps: float, scale: float) -> tuple[Handle, Handle]:
+    """Return the left and the right handle of a key."""
     found = {"left": Handle(), "right": Handle()}
     for tangent in key.named("Tangent"):
         side = attribute(path, tangent, "side")

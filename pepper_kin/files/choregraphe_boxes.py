@@ -15,7 +15,7 @@ from pepper_kin.files.choregraphe_xml import Element, attribute, number, parse
 from pepper_kin.trajectory.timeline import Timeline
 
 ON_LOAD, EVENT, START, STOP, MEMORY = range(5)
-"""Kinds of inputs; of outputs, `STOPPED` ends the box."""
+"""Types of inputs; an output of type `STOPPED` ends the box."""
 
 STOPPED = 1
 
@@ -27,9 +27,9 @@ class Port(NamedTuple):
     """An input or an output of a box.
 
     Attributes:
-        name: As scripts call it.
+        name: Name in scripts.
         kind: `ON_LOAD`, ... or `STOPPED`.
-        event: Of ALMemory, for inputs of the kind `MEMORY`.
+        event: Event of ALMemory, for inputs of type `MEMORY`.
     """
 
     name: str
@@ -41,8 +41,8 @@ class Parameter(NamedTuple):
     """A parameter of a box.
 
     Attributes:
-        value: As scripts get it.
-        inherited: Whether that of the box around it counts, where that has one of the name.
+        value: Value for scripts.
+        inherited: Whether the enclosing box's parameter of the same name is used, if it has one.
     """
 
     value: bool | int | float | str
@@ -50,7 +50,7 @@ class Parameter(NamedTuple):
 
 
 class BoxLink(NamedTuple):
-    """A signal's way in a diagram: numbers of boxes (0 is the one around it) and of their ports."""
+    """Connection in a diagram: ids of two boxes (0 is the enclosing box) and of their ports."""
 
     source: int
     output: int
@@ -60,12 +60,12 @@ class BoxLink(NamedTuple):
 
 @dataclass(frozen=True)
 class Diagram:
-    """Boxes that are there from a frame on, until the layer's next one.
+    """Boxes that are active from a frame until the layer's next diagram.
 
     Attributes:
-        frame: Of the timeline around it.
-        boxes: By number.
-        links: Their signals.
+        frame: Frame of the timeline at which the diagram begins.
+        boxes: Boxes by id.
+        links: Connections of the boxes.
     """
 
     frame: float
@@ -75,15 +75,15 @@ class Diagram:
 
 @dataclass(frozen=True)
 class BoxTimeline:
-    """What a box does over time.
+    """Timeline of a box.
 
     Attributes:
-        plays: Whether time passes in it; else it is a diagram.
+        plays: Whether the timeline plays; otherwise the box is a diagram.
         fps: Frames per second.
-        first: Frame where it begins.
-        last: Frame where it ends.
-        motion: What it moves, or None.
-        layers: For each layer its diagrams in order of frames.
+        first: First frame.
+        last: Last frame.
+        motion: Motion of joints, or None.
+        layers: Diagrams of each layer in order of frames.
     """
 
     plays: bool
@@ -96,17 +96,17 @@ class BoxTimeline:
 
 @dataclass(frozen=True)
 class ChoregrapheBox:
-    """A box.
+    """A box of a behavior.
 
     Attributes:
-        path: Names of the boxes around it, and its own, with slashes between.
-        script: In Python 2, or "".
+        path: Names of the enclosing boxes and of this box, joined by slashes.
+        script: Script in Python 2, or "".
         line: Line of the file where the script begins.
-        inputs: By number.
-        outputs: By number.
-        parameters: By name.
-        timeline: None for a box without.
-        dialog: Whether it holds a dialogue.
+        inputs: Inputs by id.
+        outputs: Outputs by id.
+        parameters: Parameters by name.
+        timeline: Timeline of the box, or None.
+        dialog: Whether the box has a dialog file.
     """
 
     path: str
@@ -120,14 +120,14 @@ class ChoregrapheBox:
 
 
 def find_behaviors(path: PathName, unpacked: Path) -> dict[str, Path]:
-    """Return the behaviors of a project: their folders' names and files.
+    """Return the behaviors of a project: name of the folder -> file.
 
     Args:
-        path: A behavior (.xar), a project (.pml), a folder that holds one of them, or an application (.pkg).
-        unpacked: Folder to unpack an application to.
+        path: A behavior (.xar), a project (.pml), a folder with one of them, or an application (.pkg).
+        unpacked: Folder to which an application is unpacked.
 
     Raises:
-        FileFormatError: where there is none.
+        FileFormatError: if there is no behavior.
     """
     file = Path(path)
     if file.suffix.lower() == ".xar":
@@ -150,6 +150,7 @@ def find_behaviors(path: PathName, unpacked: Path) -> dict[str, Path]:
 
 
 def _unpack(path: Path, folder: Path) -> None:
+    """Unpack an application into a folder, after a check of size and file names."""
     try:
         with zipfile.ZipFile(path) as archive:
             if sum(one.file_size for one in archive.infolist()) > _LARGEST:
@@ -163,10 +164,10 @@ def _unpack(path: Path, folder: Path) -> None:
 
 
 def read_behavior(path: PathName) -> ChoregrapheBox:
-    """Read a behavior (.xar): its root box with all that it holds.
+    """Read a behavior (.xar) and return its root box with all nested boxes.
 
     Raises:
-        FileFormatError: naming the line and what is wrong there.
+        FileFormatError: naming the line and the fault.
     """
     root = parse(path)
     boxes = root.named("Box")
@@ -176,6 +177,7 @@ def read_behavior(path: PathName) -> ChoregrapheBox:
 
 
 def _box(path: PathName, element: Element, above: str) -> ChoregrapheBox:
+    """Return a box from its element; `above` is the path of the enclosing box."""
     name = attribute(path, element, "name")
     name = f"{above}/{name}" if above else name
     contents = [content for script in element.named("script") for content in script.named("content")]
@@ -194,6 +196,7 @@ def _box(path: PathName, element: Element, above: str) -> ChoregrapheBox:
 
 
 def _ports(path: PathName, elements: list[Element]) -> Iterator[tuple[int, Port]]:
+    """Yield the id and port of each input or output element."""
     for one in elements:
         kind = int(number(path, one, "nature", "1"))
         yield (
@@ -203,6 +206,7 @@ def _ports(path: PathName, elements: list[Element]) -> Iterator[tuple[int, Port]
 
 
 def _parameter(path: PathName, element: Element) -> Parameter:
+    """Return a parameter with its value in the type of its content."""
     text, kind = attribute(path, element, "value"), element.attributes.get("content_type", "3")
     value: bool | int | float | str = text
     if kind == _BOOL:
@@ -214,6 +218,7 @@ def _parameter(path: PathName, element: Element) -> Parameter:
 
 
 def _timeline(path: PathName, element: Element, name: str) -> BoxTimeline:
+    """Return the timeline of a box."""
     plays = element.attributes.get("enable", "0") == "1"
     layers = [
         sorted((_diagram(path, one, name) for one in layer.named("BehaviorKeyframe")), key=lambda d: d.frame)
@@ -223,7 +228,7 @@ def _timeline(path: PathName, element: Element, name: str) -> BoxTimeline:
     motion = timeline_of(path, element, name) if plays else None
     fps, first = number(path, element, "fps", "25"), number(path, element, "start_frame", "1")
     last = number(path, element, "end_frame", "-1")
-    if last < first:  # left open: its size
+    if last < first:  # not stated: use its size
         last = max(first, number(path, element, "size", "-1"))
     if plays and fps <= 0:
         raise FileFormatError(path, f"fps is {fps:g}, expected a rate above 0", element.line)
@@ -231,6 +236,7 @@ def _timeline(path: PathName, element: Element, name: str) -> BoxTimeline:
 
 
 def _diagram(path: PathName, element: Element, name: str) -> Diagram:
+    """Return the boxes and connections of a key frame."""
     boxes, links = dict[int, ChoregrapheBox](), list[BoxLink]()
     for diagram in element.named("Diagram"):
         boxes |= {int(number(path, one, "id")): _box(path, one, name) for one in diagram.named("Box")}

@@ -1,4 +1,4 @@
-"""Elements of Choregraphe's XML files, with their lines."""
+"""Elements of Choregraphe's XML files with line numbers."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ class Element:
     """One element of an XML file.
 
     Args:
-        tag: Its name.
-        attributes: By name.
-        line: Where it begins.
+        tag: Name of the element.
+        attributes: Attributes by name.
+        line: Line where the element begins.
 
     Attributes:
-        children: Elements in it.
-        text: What stands in it, where it is a script's `content`.
-        text_line: Line where that begins.
+        children: Child elements.
+        text: Text of a script's `content`, else empty.
+        text_line: Line where the text begins.
     """
 
     def __init__(self, tag: str, attributes: dict[str, str], line: int) -> None:
@@ -38,14 +38,14 @@ class Element:
 
 
 def attribute(path: PathName, element: Element, name: str) -> str:
-    """Return an attribute that must be there."""
+    """Return the value of a required attribute."""
     if name not in element.attributes:
         raise FileFormatError(path, f"{element.tag} has no attribute {name!r}", element.line)
     return element.attributes[name]
 
 
 def number(path: PathName, element: Element, name: str, otherwise: str | None = None) -> float:
-    """Return an attribute that must be a finite number, or what is taken where there is none."""
+    """Return an attribute as a finite number, or the number in `otherwise` if it is absent."""
     text = attribute(path, element, name) if otherwise is None else element.attributes.get(name, otherwise)
     value = plain_number(text)
     if not math.isfinite(value):

@@ -1,4 +1,4 @@
-"""Trajectories as tables: CSV, and Parquet by its suffix."""
+"""Trajectories as tables in CSV, or in Parquet by the file's suffix."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ _QUANTITIES = ("position", "velocity", "acceleration")
 def write_csv(path: PathName, points: MotionPoints) -> Path:
     """Write a motion as CSV; see `save_table` for the format.
 
-    Columns: `time`, then `<joint>.position` of all joints, `<joint>.velocity` of all, and, where they are
-    known, `<joint>.acceleration` of all.
+    Columns: `time`, then `<joint>.position`, `<joint>.velocity` and, if known, `<joint>.acceleration` of all
+    joints.
 
     Args:
         path: The file; its folder must exist.
-        points: The motion.
+        points: The motion at discrete times.
 
     Returns:
         The path.
 
     Raises:
-        FileFormatError: where the file cannot be written.
+        FileFormatError: if the file cannot be written.
     """
     columns = {TIME: points.time}
     for quantity in _QUANTITIES:
@@ -46,8 +46,8 @@ def write_csv(path: PathName, points: MotionPoints) -> Path:
 def read_csv(path: PathName, pepper: PepperModel | None = None) -> Trajectory:
     """Read a trajectory that `write_csv` wrote.
 
-    At the rows' times it has their positions, velocities and accelerations exactly; in between it is the
-    polynomial of degree 5 through them, or of degree 3 where the file has no accelerations.
+    The trajectory has the positions, velocities and accelerations of the rows at their times; between rows it
+    is a polynomial of degree 5, or of degree 3 if the file has no accelerations.
 
     Args:
         path: The file.
@@ -57,7 +57,7 @@ def read_csv(path: PathName, pepper: PepperModel | None = None) -> Trajectory:
         The trajectory.
 
     Raises:
-        FileFormatError: naming path and line and what is wrong there.
+        FileFormatError: naming path, line and fault.
     """
     found = column_names(path)
     names = pepper.joint_names if pepper is not None else _joints(found)
@@ -74,12 +74,13 @@ def read_csv(path: PathName, pepper: PepperModel | None = None) -> Trajectory:
 
 
 def _joints(header: Sequence[str]) -> tuple[str, ...]:
+    """Return the joints with a position column."""
     suffix = ".position"
     return tuple(name.removesuffix(suffix) for name in header if name.endswith(suffix)) or ("<joint>",)
 
 
 def _units(path: PathName, names: Sequence[str]) -> tuple[str, ...]:
-    """Return the joints' units as the table has them, or the file beside it, else radians."""
+    """Return the joints' units from the table or its companion file, else radians."""
     known = column_meaning(path)
     units = (known.get(f"{name}.position", {}).get("unit", "rad") for name in names)
     return tuple(unit if unit in ("rad", "m") else "rad" for unit in units)

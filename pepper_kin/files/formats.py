@@ -1,4 +1,4 @@
-"""Writing and reading of trajectories, in the format of the file's suffix."""
+"""Writing and reading of trajectories in the format of the file's suffix."""
 
 from __future__ import annotations
 
@@ -22,12 +22,14 @@ from pepper_kin.trajectory.trajectory import Trajectory
 
 
 class _Format(NamedTuple):
+    """Suffixes, writer, reader and properties of a format."""
+
     suffixes: tuple[str, ...]
     write: Callable[..., Path]
     read: Callable[[PathName, PepperModel | None], Trajectory]
-    step: float | None = STEP  # time between points that is tried first [s]; None where the file is exact
-    played: bool = False  # whether robots play it: one must be known
-    bezier: bool = False  # whether NAOqi interpolates
+    step: float | None = STEP  # time between points that is tried first [s]; None for exact formats
+    played: bool = False  # whether robots play the file, so that a robot must be known
+    bezier: bool = False  # whether NAOqi interpolates the points
 
 
 FORMATS: dict[str, _Format] = {
@@ -38,7 +40,7 @@ FORMATS: dict[str, _Format] = {
     "ros": _Format((".yaml", ".yml"), write_ros, read_ros, played=True),
     "naoqi": _Format((".py",), write_naoqi, read_naoqi, NAOQI_STEP, played=True, bezier=True),
 }
-"""Format -> suffixes, writer, reader and what is written; interfaces register others, such as "mcap"."""
+"""Format by name; interfaces register further formats, such as "mcap"."""
 
 
 def save(
@@ -51,16 +53,16 @@ def save(
     unchecked: bool = False,
     **conditions: Unpack[Conditions],
 ) -> Path:
-    """Write a trajectory to a file, whole or not at all; what the file holds passes its certificate.
+    """Write a trajectory to a file atomically, after a check that the file's motion passes its certificate.
 
-    "npz" and "json" hold the polynomials and are exact.  The others hold points, between which `load`, like
-    the controllers of ros2_control and NAOqi, makes polynomials of degree 5 where the points have
-    accelerations, and of degree 3 where not.  This curve is what `pepper_kin.trajectory.check` examines, with
-    the robot, the scene and the other conditions given here; one that fails is not written.
+    "npz" and "json" store the polynomials and are exact. Other formats store points, between which `load`,
+    ros2_control's controllers and NAOqi interpolate by polynomials of degree 5 if the points have
+    accelerations, else of degree 3. `pepper_kin.trajectory.check` checks this curve with the robot, the scene
+    and the other conditions; a curve that fails is not written.
 
-    Without `dt` the points are chosen so that the curve passes: every 0.01 s, for "naoqi" 0.04 s, where that
-    does; else where the acceleration jumps, and between these as near to each other as it takes.  A motion
-    that uses a limit to the full is then slower by up to 0.01 %, since no such curve keeps the limit exactly.
+    Without `dt` the points are chosen so that the curve passes: every 0.01 s, for "naoqi" 0.04 s, if that
+    passes; else at jumps of acceleration and between them as dense as needed. A motion that uses a limit
+    fully is then slowed by up to 0.01 %, since no interpolated curve keeps the limit exactly.
 
     Args:
         trajectory: The trajectory.
@@ -68,13 +70,12 @@ def save(
         format: "csv", "parquet", "npz", "json", "ros" (YAML for `ros2 topic pub`), "naoqi" (a Python script
             for the robot, which takes motions from rest) or "mcap"; by the suffix (.csv, .parquet, .npz,
             .json, .yaml, .py, .mcap) if omitted.
-        dt: Time between points [s].  Without meaning where exact.
-        pepper: The robot that the motion is checked with; if omitted, Pepper, where the joints are its own.
-            A motion of an unknown robot goes only into files that no robot plays ("ros" and "naoqi" are
-            played), without a check.
-        unchecked: Whether to write what was not checked.
+        dt: Time between points [s]; not used by exact formats.
+        pepper: The robot of the check; if omitted, Pepper, for motions of its joints. A motion of an unknown
+            robot is written without a check, and not to "ros" and "naoqi" files, which robots play.
+        unchecked: Whether to skip the check.
         conditions: Options of `pepper_kin.trajectory.check`: `scene`, `payload`, `balance`, `hand_speed`,
-            `jerk`, `collisions`.  Give what the motion was planned and timed with.
+            `jerk`, `collisions`.  They should be the options with which the motion was planned and timed.
 
     Returns:
         The path.
@@ -82,10 +83,10 @@ def save(
     Raises:
         UnknownNameError: for an unknown format or suffix.
         InvalidValueError: for a dt that is not above zero, or joints that the format cannot hold; for a
-            motion that fails its certificate, with what fails, by how much and when; for a dt whose curve
-            does, with the largest that passes; or for a robot that is not known.
+            motion that fails its certificate, with the failed checks, amounts and times; for a dt whose curve
+            fails, with the largest dt that passes; or for an unknown robot.
         MissingDependencyError: for "mcap" or "parquet" without its package.
-        FileFormatError: where the file cannot be written.
+        FileFormatError: if the file cannot be written.
     """
     chosen = _chosen(path, format)
     examined = examination(trajectory, pepper, unchecked, conditions, needed=chosen.played)
@@ -102,9 +103,9 @@ def load(path: PathName, *, pepper: PepperModel | None = None, format: str | Non
     """Read a trajectory that `save` wrote.
 
     Args:
-        path: The file; of a recording also a .db3 file, or the folder of a bag.
+        path: The file; for a recording also a .db3 file, or the folder of a bag.
         pepper: The robot whose joints the file must have, in its order; any joints if omitted.
-        format: As for `save`; by the suffix if omitted.
+        format: Name of the format, see `save`; by the suffix if omitted.
 
     Returns:
         The trajectory.
@@ -112,8 +113,8 @@ def load(path: PathName, *, pepper: PepperModel | None = None, format: str | Non
     Raises:
         UnknownNameError: for an unknown format or suffix.
         MissingDependencyError: for "mcap" or "parquet" without its package.
-        FileFormatError: naming path, line and what is wrong: truncated, another order of joints, NaN, times
-            that do not rise, or no such file at all.
+        FileFormatError: naming path, line and fault: truncated, another order of joints, NaN, times that do
+            not increase, or a missing file.
     """
     if format is None and recording_suffix(path) == ".mcap" and "mcap" in plugins("formats"):
         format = "mcap"
@@ -121,6 +122,7 @@ def load(path: PathName, *, pepper: PepperModel | None = None, format: str | Non
 
 
 def _chosen(path: PathName, format: str | None) -> _Format:
+    """Return the format of a name, or of a path's suffix."""
     suffix = Path(path).suffix.lower()
     for name, known in FORMATS.items():
         if name == format or (format is None and suffix in known.suffixes):

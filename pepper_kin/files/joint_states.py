@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 IGNORED = ("LHand", "RHand", "WheelFL", "WheelFR", "WheelB")
-"""Joints that Pepper reports and that most of our models do not move."""
+"""Joints that Pepper reports and that most models of this library do not have."""
 
 _POSITION = "position"
 
@@ -34,10 +34,10 @@ class StateMessage(NamedTuple):
     """A `sensor_msgs/msg/JointState` as plain values.
 
     Attributes:
-        topic: Where it was published.
-        stamp: Time of its header [ns]; where all headers of the topic are zero, the recording's.
-        names: Joints.
-        position: [rad or m], one for each of them.
+        topic: Topic of the message.
+        stamp: Time of the header [ns], or of the recording if all headers of the topic are zero.
+        names: Names of the joints.
+        position: Position of each joint [rad or m].
     """
 
     topic: str
@@ -56,24 +56,24 @@ def read_joint_states(
     interpolation: str = "cubic",
     overshoot: float = OVERSHOOT,
 ) -> Trajectory:
-    """Read recorded joint positions of a robot, from any program, as a trajectory through all of them.
+    """Read recorded joint positions of a robot, from any program, as a trajectory through all samples.
 
-    What this library wrote itself is read exactly by `load`.
+    For files written by this library, `load` is exact.
 
     A .csv file has a first line that names its columns: `time` [s] first, then `<joint>` or
-    `<joint>.position` [rad or m]; columns of other quantities, as `run.csv` has them, are left out.  An .mcap
+    `<joint>.position` [rad or m]; columns of other quantities, such as in `run.csv`, are left out.  An .mcap
     file, a .db3 file or the folder of a bag has messages `sensor_msgs/msg/JointState`; their headers' times
-    are used unless all are zero.  Joints may be in any order, and some may be missing: these stay at `rest`.
+    are used unless all are zero. Joints may be in any order; missing joints stay at `rest`.
 
     Args:
         pepper: The robot.
         path: The file.
-        topic: Which topic of a recording to read; the only one with joint states if omitted.
-        ignore: Joints that may be in the file though the robot lacks them.
-        rest: Where joints stay that the file lacks [rad or m], shape (n,); Stand, or neutral, if omitted.
+        topic: Topic of the recording; the only one with joint states if omitted.
+        ignore: Names of joints in the file that are skipped if the robot lacks them.
+        rest: Positions of joints that the file lacks [rad or m], shape (n,); `pepper.neutral()` if omitted.
         interpolation: "cubic" or "monotone", see `Trajectory.from_positions`.
-        overshoot: How far a joint may leave the range of its samples, or its limits, without a warning
-            [rad or m].
+        overshoot: Maximum distance of a joint beyond the range of its samples, or its limits, without a
+            warning [rad or m].
 
     Returns:
         The trajectory of all joints of the robot; the first sample is at time 0.
@@ -81,12 +81,12 @@ def read_joint_states(
     Raises:
         UnknownNameError: for another suffix, or a topic that the file lacks.
         FileFormatError: naming path and line or message, for a file that cannot be read, a joint that the
-            robot lacks and `ignore` does not name, none that it has, NaN, or times that do not increase.
+            robot lacks and `ignore` does not name, no joint of the robot, NaN, or times that do not increase.
         MissingDependencyError: for .mcap without its package.
         InvalidValueError: for a `rest` of the wrong shape, or an option out of range.
 
     Warns:
-        OvershootWarning: as `Trajectory.from_positions`.
+        OvershootWarning: if the trajectory overshoots, see `Trajectory.from_positions`.
     """
     suffix = recording_suffix(path)
     if suffix == ".csv":
@@ -123,7 +123,7 @@ def read_joint_states(
 
 
 def recording_suffix(path: PathName) -> str:
-    """Return the suffix of a file; ".mcap" for the other forms of recordings, which the same module reads."""
+    """Return the suffix of a file; ".mcap" for .db3 files and folders, which the same module reads."""
     suffix = Path(path).suffix.lower()
     return ".mcap" if suffix == ".db3" or Path(path).is_dir() else suffix
 
@@ -165,6 +165,7 @@ def _of_topic(
 
 
 def _check(path: PathName, states: list[StateMessage]) -> None:
+    """Refuse messages with other joints, wrong numbers of positions, NaN, or times that do not increase."""
     first = states[0]
     for i, state in enumerate(states):
         place = f"message {i + 1} of {state.topic}"

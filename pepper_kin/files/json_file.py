@@ -18,13 +18,13 @@ _FIELDS = ("format", "version", "joint_names", "joint_units", "breaks", "coeffic
 
 
 def write_json(path: PathName, trajectory: Trajectory) -> Path:
-    """Write the polynomials of a trajectory as JSON, each piece on its own line.
+    """Write the polynomials of a trajectory as JSON, each segment on its own line.
 
     Fields: "format", "version", "joint_names", "joint_units", "breaks" (m + 1 times [s]) and "coefficients":
     for each of m pieces a list of powers of (t - break), constant term first, each a list over joints.
 
     Raises:
-        FileFormatError: where the file cannot be written.
+        FileFormatError: if the file cannot be written.
     """
     segments = ",\n".join("  " + json.dumps(segment) for segment in trajectory.coefficients.tolist())
     head = {
@@ -48,7 +48,7 @@ def read_json(path: PathName, pepper: PepperModel | None = None) -> Trajectory:
         pepper: The robot whose joints the file must have, in its order; any joints if omitted.
 
     Raises:
-        FileFormatError: naming path, and line or field, and what is wrong.
+        FileFormatError: naming path, line or field, and fault.
     """
     content, text = reading.read_json(path)
     if not isinstance(content, dict) or content.get("format") != FORMAT:

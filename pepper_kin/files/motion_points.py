@@ -1,4 +1,4 @@
-"""Points of a trajectory as files and robots take them, and the curve that their readers make of them."""
+"""Points of a trajectory for files and robots, and the curve that readers interpolate."""
 
 from __future__ import annotations
 
@@ -17,29 +17,29 @@ from pepper_kin.trajectory.trajectory import Trajectory
 Nanoseconds = NDArray[np.int64]
 
 NANOSECONDS = 1_000_000_000
-_LEAST_STEP = 3e-5  # [s] shorter pieces are not made: accelerations lose digits to whole nanoseconds
-_MERGED = 1e-5  # [s] knots that are nearer than this are one
+_LEAST_STEP = 3e-5  # minimum duration of a segment [s]: rounding to nanoseconds costs accelerations digits
+_MERGED = 1e-5  # minimum time between knots [s]: closer ones are merged
 _MOST_POINTS = 100_000
-_JUMP = 1e-6  # of the acceleration limit: less is no jump
-_OVER = 5e-6  # share by which a limit may be exceeded before a piece is halved; slowing takes the rest
-_REST = 1e-6  # [rad/s or m/s]
+_JUMP = 1e-6  # minimum jump of acceleration, relative to its limit
+_OVER = 5e-6  # relative excess of a limit above which a segment is halved; slowing corrects the rest
+_REST = 1e-6  # speed below which the last velocity is written as zero [rad/s or m/s]
 _INSIDE = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
 
 
 class MotionPoints(NamedTuple):
     """A motion at discrete times.
 
-    Between two points it is of degree 5 where accelerations are known, otherwise of degree 3: as the
-    JointTrajectoryController of ros2_control interpolates, and as NAOqi's Bezier curves with handles of a
-    third of the time between two keys.
+    Between two points the motion is of degree 5 if accelerations are known, else of degree 3, as the
+    JointTrajectoryController of ros2_control and NAOqi's Bezier curves with handles of a third of the time
+    between two keys interpolate.
 
     Attributes:
-        joint_names: Order of the columns.
+        joint_names: Names of the joints, in the order of the columns.
         joint_units: "rad" or "m" for each joint.
-        stamps: Whole nanoseconds, rising from 0, shape (T,).
-        position: [rad or m], shape (T, n).
-        velocity: [rad/s or m/s], shape (T, n).
-        acceleration: [rad/s^2 or m/s^2], shape (T, n), or None.
+        stamps: Times, increasing from 0 [ns], shape (T,).
+        position: Positions [rad or m], shape (T, n).
+        velocity: Velocities [rad/s or m/s], shape (T, n).
+        acceleration: Accelerations [rad/s^2 or m/s^2], shape (T, n), or None.
     """
 
     joint_names: tuple[str, ...]
@@ -55,7 +55,7 @@ class MotionPoints(NamedTuple):
         return self.stamps / NANOSECONDS
 
     def curve(self) -> Trajectory:
-        """Return the motion between the points, as readers make it.
+        """Return the motion that readers interpolate between the points.
 
         Raises:
             InvalidValueError: for points so near in time that the polynomials overflow.
@@ -72,13 +72,13 @@ def points_at(
 
     Args:
         trajectory: The trajectory.
-        time: Times of it, rising from 0 to its duration [s], shape (T,).
+        time: Times, increasing from 0 to the trajectory's duration [s], shape (T,).
         quintic: Whether the points have accelerations.
-        from_rest: Whether the first velocity is written as zero, where a reader takes it so.
-        stretch: Factor of all times: the motion is slower by it.
+        from_rest: Whether the first velocity is written as zero, which some readers assume.
+        stretch: Factor on all times, by which the motion is slowed.
 
     Raises:
-        InvalidValueError: for times that are the same to a nanosecond.
+        InvalidValueError: for times that are equal to a nanosecond.
     """
     stamps = np.round(time * (stretch * NANOSECONDS)).astype(np.int64)
     if np.any(np.diff(stamps) <= 0):
@@ -87,7 +87,7 @@ def points_at(
         )
     state = trajectory(np.minimum(stamps / (stretch * NANOSECONDS), trajectory.duration))
     velocity = state.velocity / stretch
-    # A controller of ros2_control refuses what does not end at rest, to the last digit.
+    # A controller of ros2_control refuses motions whose last velocity is not exactly zero.
     velocity[-1] = np.where(np.abs(velocity[-1]) < _REST, 0.0, velocity[-1])
     if from_rest:
         velocity[0] = 0.0
@@ -103,7 +103,7 @@ def points_every(trajectory: Trajectory, dt: float, bezier: bool = False) -> Mot
     Args:
         trajectory: The trajectory.
         dt: Time between points, at least 1 ns [s].
-        bezier: Whether NAOqi is to interpolate: without accelerations, and from rest.
+        bezier: Whether NAOqi interpolates: the points have no accelerations and begin at rest.
 
     Raises:
         InvalidValueError: for a dt that is too small or not above zero.
@@ -113,13 +113,13 @@ def points_every(trajectory: Trajectory, dt: float, bezier: bool = False) -> Mot
 
 
 def slowing_needed(pepper: PepperModel, curve: Trajectory) -> Array:
-    """Return by what factor time must be stretched to keep velocity and acceleration limits at some states.
+    """Return the factor on time that is needed to keep velocity and acceleration limits at some states.
 
-    At five states of each piece, of which cubics have their fastest accelerations: what is above 1 here fails
-    `check`, what is not may yet.
+    Five states of each segment are used, which include the maximum accelerations of cubics: a factor above 1
+    fails `check`, but a lower one may fail, too.
 
     Returns:
-        A factor for each piece, shape (m,).
+        Factor for each segment, shape (m,).
     """
     state = _inside(curve)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -131,37 +131,37 @@ def slowing_needed(pepper: PepperModel, curve: Trajectory) -> Array:
 def points_near(
     pepper: PepperModel, trajectory: Trajectory, step: float, tolerance: float, bezier: bool = False
 ) -> tuple[Array, bool]:
-    """Return times of points whose curve is near a trajectory, also where its acceleration jumps.
+    """Return times of points whose interpolated curve is near a trajectory, also at jumps of acceleration.
 
-    No polynomial through a jump keeps an acceleration limit that both its sides use: points lie at the jumps,
-    and cubics between them.  A motion without jumps gets quintics between its own knots.  Pieces
-    are halved where their acceleration is off by more than the tolerance, or exceeds its limit.
+    A polynomial across a jump cannot keep an acceleration limit that is used on both sides, so points lie at
+    the jumps, with cubics between them. A motion without jumps gets quintics between its own knots. Segments
+    are halved if their acceleration deviates by more than the tolerance, or exceeds its limit.
 
     Args:
         pepper: The robot.
         trajectory: The trajectory.
-        step: Longest time between points [s].
-        tolerance: Error of accelerations, as a share of their limits.
-        bezier: Whether NAOqi is to interpolate.
+        step: Maximum time between points [s].
+        tolerance: Maximum error of accelerations, relative to their limits.
+        bezier: Whether NAOqi interpolates.
 
     Returns:
         Times [s], shape (T,), and whether the points need accelerations.
     """
     jumps = _jumps(pepper, trajectory)
     quintic = not (jumps.size or bezier)
-    inner = trajectory.breaks[1:-1] if quintic else jumps  # motions with jerk limits are quintics themselves
+    inner = trajectory.breaks[1:-1] if quintic else jumps  # motions with jerk limits are quintics already
     time = np.concatenate([[0.0], inner, [trajectory.duration]])
     time = time[np.concatenate([[True], np.diff(time) > _MERGED])]
     time[-1] = trajectory.duration
     parts = np.maximum(np.ceil(np.diff(time) / step - 1e-9), 1).astype(int)
     time = np.interp(
         np.arange(parts.sum() + 1), np.concatenate([[0], np.cumsum(parts)]), time
-    )  # each of them cut into as many equal parts
+    )  # each interval divided into equal parts
     scale = _acceleration_scale(pepper)
     while time.size < _MOST_POINTS:
         curve = points_at(trajectory, time, quintic=quintic, from_rest=bezier).curve()
         width = np.diff(time)
-        # The true motion a little inside of the pieces, at whose ends it may jump.
+        # States of the trajectory slightly inside the segments, since accelerations may jump at their ends.
         inside = time[:-1, None] + width[:, None] * np.clip(_INSIDE, 1e-3, 1 - 1e-3)
         error = np.abs(_inside(curve).acceleration - trajectory(inside).acceleration) / scale
         over = slowing_needed(pepper, curve) > 1.0 + _OVER
@@ -189,7 +189,7 @@ def _acceleration_scale(pepper: PepperModel) -> Array:
 
 
 def _inside(curve: Trajectory) -> State:
-    """Return five states of each piece, shape (m, 5, n)."""
+    """Return five states of each segment, shape (m, 5, n)."""
     width = np.diff(curve.breaks)
     shape = (width.size, _INSIDE.size)
     return curve.at_segments(np.broadcast_to(np.arange(width.size)[:, None], shape), width[:, None] * _INSIDE)

@@ -21,7 +21,7 @@ from pepper_kin.model.joint_vectors import as_finite
 from pepper_kin.trajectory.trajectory import Trajectory
 
 STEP = 0.04
-"""Time between keys that is tried first: twice the cycle of NAOqi [s]."""
+"""Time between keys that is tried first [s]: twice the cycle of NAOqi."""
 
 _TOKEN = re.compile(r"[\w.]+|[^\w\s.]")
 _MOST_TOKENS = 2_000_000  # a million numbers; the syntax tree takes up to 0.5 kB for each
@@ -76,14 +76,14 @@ if __name__ == "__main__":
 
 
 class NaoqiArguments(NamedTuple):
-    """Arguments of `ALMotion.angleInterpolationBezier(names, times, keys)`, and the pose before it.
+    """Arguments of `ALMotion.angleInterpolationBezier(names, times, keys)`, and the start position.
 
     Attributes:
-        names: Joints.
-        times: When each joint has its keys [s], above 0.
-        keys: Of each joint [angle, [3, dTime, dAngle], [3, dTime, dAngle]], with the handles before and
+        names: Names of the joints.
+        times: Times of each joint's keys [s], above 0.
+        keys: Keys of each joint, [angle, [3, dTime, dAngle], [3, dTime, dAngle]], with the handles before and
             behind the key [rad, s], a third of the time to the next key long: cubics in time.
-        start: Position of each joint at time 0 [rad], where it rests.
+        start: Position of each joint at time 0 [rad], at rest.
     """
 
     names: list[str]
@@ -100,18 +100,18 @@ def naoqi_arguments(
     unchecked: bool = False,
     **conditions: Unpack[Conditions],
 ) -> NaoqiArguments:
-    """Return a trajectory as plain lists for NAOqi, of which the curve executed passes its certificate.
+    """Return a trajectory as plain lists for NAOqi whose executed curve passes its certificate.
 
     Args:
-        trajectory: The trajectory, which begins at rest; its joints must turn, since NAOqi moves its base
-            otherwise.
-        dt: Time between keys [s]; chosen so that the curve passes if omitted, as in `save`.
-        pepper: The robot that the motion is checked with, as in `save`, like the next ones.
-        unchecked: Whether to leave the check out.
+        trajectory: A trajectory of revolute joints that begins at rest; NAOqi moves its base by other
+            functions.
+        dt: Time between keys [s]; if omitted, chosen so that the curve passes, as in `save`.
+        pepper: The robot of the check, see `save`.
+        unchecked: Whether to skip the check.
         conditions: Options of `pepper_kin.trajectory.check`, such as `scene` and `payload`.
 
     Returns:
-        The lists; the position at time 0 is apart, because NAOqi takes only times above 0.
+        The lists; the position at time 0 is separate, because NAOqi takes only times above 0.
 
     Raises:
         InvalidValueError: for a joint in meters, a dt that is not above zero, or a curve that fails its
@@ -156,10 +156,10 @@ def write_naoqi(path: PathName, points: MotionPoints) -> Path:
 
     Args:
         path: The script; its folder must exist.
-        points: The motion, from rest, of joints that turn.
+        points: A motion of revolute joints from rest.
 
     Raises:
-        FileFormatError: where the file cannot be written.
+        FileFormatError: if the file cannot be written.
     """
     text = _SCRIPT.format(
         duration=points.time[-1],
@@ -175,14 +175,14 @@ def write_naoqi(path: PathName, points: MotionPoints) -> Path:
 def read_naoqi(path: PathName, pepper: PepperModel | None = None) -> Trajectory:
     """Read the motion of a script that `write_naoqi` wrote; the script is not run.
 
-    From START, where it rests, the motion goes through the keys by the cubics that their handles make.
+    The motion begins at rest at START and follows the cubics that the handles of the keys define.
 
     Args:
         path: The script.
         pepper: The robot whose joints the file must have, in its order; any joints if omitted.
 
     Raises:
-        FileFormatError: naming path and line and what is wrong there.
+        FileFormatError: naming path, line and fault.
     """
     lists = _lists(path)
     names_node, start_node, times_node, angles_node, speeds_node = (lists[name] for name in _LISTS)
@@ -209,7 +209,7 @@ def read_naoqi(path: PathName, pepper: PepperModel | None = None) -> Trajectory:
 
 
 def _lists(path: PathName) -> dict[str, Any]:
-    """Return the syntax trees of the four lists."""
+    """Return the syntax trees of the lists named in `_LISTS`."""
     text = read_text(path)
     if (size := sum(1 for _ in _TOKEN.finditer(text))) > _MOST_TOKENS:
         raise FileFormatError(path, f"holds {size} words and signs, at most {_MOST_TOKENS} are read")
@@ -236,12 +236,14 @@ def _lists(path: PathName) -> dict[str, Any]:
 
 
 def _rows(path: PathName, names: tuple[str, ...], node: Any) -> list[tuple[str, Any]]:
+    """Return (joint, syntax tree) of the rows of a list of lists."""
     if len(node.elts) != len(names):
         raise FileFormatError(path, f"{len(node.elts)} lists for {len(names)} joints", node.lineno)
     return list(zip(names, node.elts, strict=True))
 
 
 def _literals(path: PathName, node: Any, what: str) -> list[Any]:
+    """Return the values of a list of literals."""
     try:
         values = ast.literal_eval(node)
     except (ValueError, TypeError, SyntaxError, RecursionError) as error:
@@ -252,6 +254,7 @@ def _literals(path: PathName, node: Any, what: str) -> list[Any]:
 
 
 def _numbers(path: PathName, node: Any, what: str) -> list[float]:
+    """Return the finite numbers of a list of literals."""
     values = _literals(path, node, what)
     try:
         return as_finite(values, what, (None,)).tolist()

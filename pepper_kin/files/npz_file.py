@@ -1,4 +1,4 @@
-"""Trajectories as NumPy archives: exact."""
+"""Trajectories as NumPy archives, which are exact."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def write_npz(path: PathName, trajectory: Trajectory) -> Path:
     `joint_units` (n,) texts, `format` and `version`.
 
     Raises:
-        FileFormatError: where the file cannot be written.
+        FileFormatError: if the file cannot be written.
     """
     named = {name: getattr(trajectory, name) for name in (*_ARRAYS, *_POLYNOMIALS) if name != "version"}
     return write_arrays(path, {"format": FORMAT, "version": VERSION, **named})
@@ -39,7 +39,7 @@ def read_npz(path: PathName, pepper: PepperModel | None = None) -> Trajectory:
         pepper: The robot whose joints the file must have, in its order; any joints if omitted.
 
     Raises:
-        FileFormatError: naming path and array and what is wrong.
+        FileFormatError: naming path, array and fault.
     """
     arrays = read_kinds(path, FORMAT, {**_ARRAYS, **_POLYNOMIALS})
     if arrays["version"] != VERSION:
@@ -57,7 +57,7 @@ def build(
     coefficients: Any,
     pepper: PepperModel | None,
 ) -> Trajectory:
-    """Return the trajectory of what a file holds.
+    """Return the trajectory from the contents of a file.
 
     Raises:
         FileFormatError: naming path and field, for NaN, wrong shapes, times that do not increase, or

@@ -19,11 +19,11 @@ _MEANING = b"pepper_kin"
 
 
 def write_columns(path: PathName, columns: Mapping[str, Array], meaning: Mapping[str, Any]) -> None:
-    """Write columns, shape (T,) each, and what they are, as values for JSON.
+    """Write columns, shape (T,) each, and their meanings, values for JSON.
 
     Raises:
-        MissingDependencyError: where pyarrow is not installed.
-        FileFormatError: where the file cannot be written.
+        MissingDependencyError: if pyarrow is not installed.
+        FileFormatError: if the file cannot be written.
     """
     parquet = _parquet()
     import pyarrow as arrow
@@ -39,15 +39,15 @@ def write_columns(path: PathName, columns: Mapping[str, Array], meaning: Mapping
 
 
 def read_columns(path: PathName) -> tuple[dict[str, Array], dict[str, Any]]:
-    """Read columns that `write_columns` wrote, or others of numbers of floating point.
+    """Read columns of floating-point numbers, such as from `write_columns`.
 
     Returns:
-        Column -> values, shape (T,), in the file's order; and what those are of which it says so.
+        Column -> values, shape (T,), in the file's order; and column -> meaning, if the file has it.
 
     Raises:
-        MissingDependencyError: where pyarrow is not installed.
-        FileFormatError: for a file that cannot be read, is damaged, holds other things than numbers, one
-            column twice, values that are missing or not finite, or more than 500 MB.
+        MissingDependencyError: if pyarrow is not installed.
+        FileFormatError: for a file that cannot be read, is damaged, has columns of other types, duplicate
+            columns, values that are missing or not finite, or too much data.
     """
     parquet, content = _parquet(), read_bytes(path)
     import pyarrow as arrow
@@ -84,4 +84,5 @@ def read_columns(path: PathName) -> tuple[dict[str, Array], dict[str, Any]]:
 
 
 def _parquet() -> Any:
+    """Return the module `pyarrow.parquet`."""
     return optional("pyarrow.parquet", extra="datasets", need="Parquet")

@@ -26,15 +26,15 @@ from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.trajectory import Trajectory
 
 STEP = 0.01
-"""Time between points that is tried first [s]."""
+"""Time between points that is tried first without dt [s]."""
 
 _FIELDS = {"header", "joint_names", "points"}
 _LISTS = ("positions", "velocities", "accelerations", "effort")
 _POINT = {*_LISTS, "time_from_start"}
-_NUMBER = re.compile(r"[+-]?(\d+|(\d+\.\d*|\.\d+)([eE][+-]\d+)?)", re.ASCII)  # as YAML 1.1 has it
-_DEEPEST = 16  # lists and mappings in one another; a trajectory has five
+_NUMBER = re.compile(r"[+-]?(\d+|(\d+\.\d*|\.\d+)([eE][+-]\d+)?)", re.ASCII)  # numbers of YAML 1.1
+_DEEPEST = 16  # maximum depth of nested lists and mappings; a trajectory has five levels
 _TOO_DEEP = f"is not a JointTrajectory: nested more than {_DEEPEST} deep"
-_MOST_NODES = 3_000_000  # with all that aliases stand for: a few can stand for more than memory holds
+_MOST_NODES = 3_000_000  # maximum number of nodes after expansion of aliases, which could exceed the memory
 
 
 def ros_points(
@@ -45,17 +45,17 @@ def ros_points(
     unchecked: bool = False,
     **conditions: Unpack[Conditions],
 ) -> MotionPoints:
-    """Return the points of a JointTrajectory, of which the curve of ros2_control passes its certificate.
+    """Return the points of a JointTrajectory whose curve in ros2_control passes its certificate.
 
     Args:
         trajectory: The trajectory.
-        dt: Time between points [s]; chosen so that the curve passes if omitted, as in `save`.
-        pepper: The robot that the motion is checked with, as in `save`, like the next ones.
-        unchecked: Whether to leave the check out.
+        dt: Time between points [s]; if omitted, chosen so that the curve passes, as in `save`.
+        pepper: The robot of the check, see `save`.
+        unchecked: Whether to skip the check.
         conditions: Options of `pepper_kin.trajectory.check`, such as `scene` and `payload`.
 
     Returns:
-        The points; without accelerations where these jump.
+        The points; without accelerations for a motion whose acceleration jumps.
 
     Raises:
         InvalidValueError: for a dt that is not above zero, or a curve that fails its certificate.
@@ -67,15 +67,15 @@ def ros_points(
 def write_ros(path: PathName, points: MotionPoints) -> Path:
     """Write a motion as YAML of `trajectory_msgs/msg/JointTrajectory`.
 
-    It is published by
+    Publish it with
         ros2 topic pub --once TOPIC trajectory_msgs/msg/JointTrajectory "$(cat FILE)"
 
     Args:
         path: The file; its folder must exist.
-        points: The motion.
+        points: The motion at discrete times.
 
     Raises:
-        FileFormatError: where the file cannot be written.
+        FileFormatError: if the file cannot be written.
     """
     lines = ["header:", "  stamp: {sec: 0, nanosec: 0}", "  frame_id: ''", "joint_names:"]
     lines += [f"- {_text(name)}" for name in points.joint_names]
@@ -109,15 +109,15 @@ def _float(value: float) -> str:
 def read_ros(path: PathName, pepper: PepperModel | None = None) -> Trajectory:
     """Read a trajectory from YAML of `trajectory_msgs/msg/JointTrajectory`.
 
-    Points may lack accelerations (cubic pieces then) or also velocities (a cubic spline from rest to rest
-    then), but all points alike; the first is at time 0.
+    All points may lack accelerations (giving cubic segments) or also velocities (giving a cubic spline from
+    rest to rest); the first is at time 0.
 
     Args:
         path: The file.
         pepper: The robot whose joints the file must have, in its order; any joints, in radians, if omitted.
 
     Raises:
-        FileFormatError: naming path and line and what is wrong there.
+        FileFormatError: naming path, line and fault.
     """
     import yaml
 
@@ -130,7 +130,7 @@ def read_ros(path: PathName, pepper: PepperModel | None = None) -> Trajectory:
         root = _document(path, text)
     except yaml.MarkedYAMLError as error:
         line = None if error.problem_mark is None else error.problem_mark.line + 1
-        if "nesting depth" in str(error.problem):  # the parser's own bound, since PyYAML 6.0.4
+        if "nesting depth" in str(error.problem):  # limit of the parser, since PyYAML 6.0.4
             raise FileFormatError(path, _TOO_DEEP, line) from error
         raise FileFormatError(path, f"is not complete YAML: {error.problem}", line) from error
     except yaml.YAMLError as error:
@@ -145,8 +145,8 @@ class _Node(NamedTuple):
     Attributes:
         kind: "mapping", "sequence" or "scalar".
         value: Pairs of nodes, nodes, or a text.
-        line: Where it begins, counted from 1.
-        plain: Whether it is a scalar without quotes and without a tag, as numbers are.
+        line: Line where the node begins, counted from 1.
+        plain: Whether the node is a scalar without quotes and tag, such as a number.
     """
 
     kind: str
@@ -156,21 +156,21 @@ class _Node(NamedTuple):
 
 
 def _document(path: PathName, text: str) -> _Node | None:
-    """Return the one document of a YAML text; None where there is none.
+    """Return the only document of a YAML text; None for an empty text.
 
-    The nodes are made here: PyYAML's know the type of each scalar and both its ends, which takes three times
-    as long, and libyaml's own composer overflows the stack for documents nested without end.
+    Nodes are built from events: PyYAML's own nodes resolve types and end marks, which takes three times as
+    long, and libyaml's composer overflows the stack for deeply nested documents.
 
     Raises:
-        FileFormatError: naming the line, for parts nested deeper than any trajectory, more than one document,
-            and aliases of nothing or of too much.
-        yaml.YAMLError: for what is not YAML.
+        FileFormatError: naming the line, for deep nesting, more than one document, and aliases that are
+            undefined or expand to too many nodes.
+        yaml.YAMLError: for malformed YAML.
     """
     import yaml
 
     roots: list[_Node] = []
     open_nodes: list[tuple[_Node, str | None, int]] = []
-    anchored: dict[str, tuple[_Node, int]] = {}  # and how many nodes each stands for
+    anchored: dict[str, tuple[_Node, int]] = {}  # node and number of nodes of each anchor
     count = 0
     for event in yaml.parse(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader)):
         if isinstance(event, yaml.CollectionEndEvent):
@@ -209,6 +209,7 @@ def _document(path: PathName, text: str) -> _Node | None:
 
 
 def _trajectory(read: _YamlReader, message: dict[str, _Node], pepper: PepperModel | None) -> Trajectory:
+    """Return the trajectory of a JointTrajectory message."""
     names_node = message["joint_names"]
     texts = [node.value if node.kind == "scalar" else None for node in read.items(names_node, "joint_names")]
     names = check_joint_names(read.path, texts, pepper, names_node.line)
@@ -230,7 +231,7 @@ def _trajectory(read: _YamlReader, message: dict[str, _Node], pepper: PepperMode
 
 
 def _table(read: _YamlReader, name: str, rows: list[list[float]], nodes: list[_Node], n: int) -> Array | None:
-    """Return values of all points, None where no point has any."""
+    """Return the values of all points, shape (T, n); None if no point has any."""
     if not any(rows):
         return None
     for row, node in zip(rows, nodes, strict=True):
@@ -240,7 +241,7 @@ def _table(read: _YamlReader, name: str, rows: list[list[float]], nodes: list[_N
 
 
 class _YamlReader:
-    """Reads YAML nodes and reports the line of an error."""
+    """Reader of YAML nodes that reports the line of an error."""
 
     def __init__(self, path: PathName) -> None:
         self.path = path
@@ -279,6 +280,7 @@ class _YamlReader:
         return [self._number(item, what) for item in self.items(node, what)]
 
     def _number(self, node: _Node, what: str) -> float:
+        """Return the finite number of a scalar node."""
         if node.plain and _NUMBER.fullmatch(node.value):
             value = float(node.value)
             if math.isfinite(value):
@@ -287,7 +289,7 @@ class _YamlReader:
         raise self.fail(node, f"{what} has {found}, expected a finite number")
 
     def duration(self, node: _Node) -> int:
-        """Return a duration in whole nanoseconds."""
+        """Return a duration [ns]."""
         fields = self.mapping(node, {"sec", "nanosec"}, {"sec", "nanosec"}, "time_from_start")
         total = 0
         for name, factor in (("sec", NANOSECONDS), ("nanosec", 1)):

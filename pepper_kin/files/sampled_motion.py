@@ -1,4 +1,4 @@
-"""Sampled motions in files, and their checks."""
+"""Checks of sampled motions in files, and interpolation between their points."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from pepper_kin.trajectory.trajectory import Trajectory
 def check_joint_names(
     path: PathName, names: Sequence[object], pepper: PepperModel | None, line: int | None = None
 ) -> tuple[str, ...]:
-    """Return joint names of a file after checking that they are unique texts, and the robot's in its order.
+    """Return joint names of a file after a check that they are unique, and equal to the robot's if given.
 
     Raises:
         FileFormatError: naming path, line and the joint.
@@ -57,12 +57,12 @@ def points_of_file(
     velocity: Array | None = None,
     acceleration: Array | None = None,
 ) -> Trajectory:
-    """Return the trajectory of `through_points` through what a file gave.
+    """Return the trajectory through the points of a file, see `through_points`.
 
     Times [s] have shape (T,); positions [rad or m], velocities and accelerations have shape (T, n).
 
     Raises:
-        FileFormatError: naming path and what is wrong, such as points too near in time for finite speeds.
+        FileFormatError: naming path and fault, such as points too close in time for finite speeds.
     """
     try:
         return through_points(names, units, time, position, velocity, acceleration)
@@ -71,12 +71,12 @@ def points_of_file(
 
 
 def units_for(names: Sequence[str], pepper: PepperModel | None) -> tuple[str, ...]:
-    """Return the units of the robot's joints, or radians for all where no robot is given."""
+    """Return the units of the robot's joints, or radians for all joints without a robot."""
     return pepper.joint_units if pepper is not None else ("rad",) * len(names)
 
 
 def check_times(path: PathName, time: Array, line_of: Callable[[int], int | None]) -> None:
-    """Refuse times [s], shape (T,), that do not increase from 0, or fewer than two.
+    """Refuse times [s], shape (T,), that do not increase from 0, and fewer than two times.
 
     Raises:
         FileFormatError: naming path, line and time.
@@ -100,21 +100,22 @@ def through_points(
     velocity: Array | None = None,
     acceleration: Array | None = None,
 ) -> Trajectory:
-    """Return the trajectory through points, by as much as is known of them.
+    """Return the trajectory through points with the known derivatives.
 
     Args:
-        names: Joints.
-        units: Of the joints.
-        time: Rising from 0 [s], shape (T,).
-        position: [rad or m], shape (T, n).
-        velocity: [rad/s or m/s], shape (T, n), or None: the cubic spline that starts and ends at rest.
-        acceleration: [rad/s^2 or m/s^2], shape (T, n), or None: cubic pieces through the velocities.
+        names: Names of the joints.
+        units: Units of the joints.
+        time: Times, increasing from 0 [s], shape (T,).
+        position: Positions [rad or m], shape (T, n).
+        velocity: Velocities [rad/s or m/s], shape (T, n); None for the cubic spline from rest to rest.
+        acceleration: Accelerations [rad/s^2 or m/s^2], shape (T, n); None for cubic segments through the
+            velocities.
 
     Returns:
-        The trajectory; of degree 5 where all three are known.
+        The trajectory; of degree 5 with accelerations.
 
     Raises:
-        InvalidValueError: for points so near in time, or so far apart, that the polynomials overflow.
+        InvalidValueError: for points so close in time, or so far apart, that the polynomials overflow.
     """
     if velocity is not None and acceleration is not None:
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):

@@ -1,4 +1,4 @@
-"""Tables over time as CSV, with their columns explained in a companion file."""
+"""Tables over time as CSV, with the meaning of columns in a companion file."""
 
 from __future__ import annotations
 
@@ -29,26 +29,25 @@ _KEYS = {"unit", "quantity", "joint"}
 def save_table(
     columns: Mapping[str, ArrayLike], path: PathName, *, joint_units: Mapping[str, str] | None = None
 ) -> Path:
-    """Write columns over time as CSV, and explain them in `columns.json` beside it; or as Parquet.
+    """Write columns over time as CSV with their meaning in `columns.json` beside it, or as Parquet.
 
     The first line names the columns: `time` [s], then `<joint>.<quantity>` with a quantity of
-    `pepper_kin.trajectory.samples.UNITS`.  Numbers are written so that reading gives the same floats.
-    `columns.json` maps each column to {"unit", "quantity", "joint"}; tables in one folder share it.  Both
-    files are replaced in one step each, so that no half of one is ever seen.  A file .parquet has the same
-    columns and explains them itself.
+    `pepper_kin.trajectory.samples.UNITS`.  Numbers are read back as the same floats. `columns.json` maps each
+    column to {"unit", "quantity", "joint"}; tables in one folder share it. Each file is replaced atomically.
+    A file .parquet has the same columns and contains their meaning.
 
     Args:
-        columns: Name -> values, shape (T,); "time" first, rising.
+        columns: Name -> values, shape (T,); "time" comes first and increases.
         path: The file; its folder must exist.
-        joint_units: Joint -> "rad" or "m"; "rad" where a joint is missing.
+        joint_units: Joint -> "rad" or "m"; "rad" for joints left out.
 
     Returns:
         The path.
 
     Raises:
-        InvalidValueError: for a bad name or value.
+        InvalidValueError: for an invalid name or value.
         UnknownNameError: for an unknown quantity.
-        FileFormatError: where a file cannot be written, or `columns.json` is something else.
+        FileFormatError: if a file cannot be written, or `columns.json` has other contents.
     """
     target = as_path(path)
     names = list(columns)
@@ -73,6 +72,7 @@ def save_table(
 
 
 def _meaning(name: str, units: Mapping[str, str]) -> dict[str, str | None]:
+    """Return unit, quantity and joint of a column."""
     if name == TIME:
         return {"unit": "s", "quantity": TIME, "joint": None}
     joint, dot, quantity = name.rpartition(".")
@@ -87,13 +87,13 @@ def load_columns(path: PathName) -> dict[str, dict[str, Any]]:
     """Read a `columns.json`: column -> {"unit", "quantity", "joint"}.
 
     Raises:
-        FileFormatError: where it cannot be read or holds something else.
+        FileFormatError: if the file cannot be read or has other contents.
     """
     return _meanings(path, read_json(path)[0])
 
 
 def _meanings(path: PathName, content: Any) -> dict[str, dict[str, Any]]:
-    """Return what columns are, once it is sure that this is said of each."""
+    """Return the meaning of columns, after a check that each is complete."""
     rows = content.values() if isinstance(content, dict) else [None]
     if not all(isinstance(row, dict) and set(row) == _KEYS and _texts(row) for row in rows):
         raise FileFormatError(path, "does not map columns to unit, quantity and joint")
@@ -101,7 +101,7 @@ def _meanings(path: PathName, content: Any) -> dict[str, dict[str, Any]]:
 
 
 def _texts(row: dict[str, Any]) -> bool:
-    """Whether unit and quantity are texts, and the joint one or none."""
+    """Whether unit and quantity are texts, and the joint a text or None."""
     joint = row["joint"]
     return isinstance(row["unit"], str) and isinstance(row["quantity"], str) and isinstance(joint, str | None)
 
@@ -111,15 +111,15 @@ def load_table(path: PathName, expected: Sequence[str] | None = None) -> dict[st
 
     Args:
         path: The file, CSV or Parquet.
-        expected: The columns it must have, in this order; any that are well-formed if omitted.
+        expected: Required columns in order; any well-formed columns if omitted.
 
     Returns:
         Column -> values, shape (T,), "time" first.
 
     Raises:
-        FileFormatError: naming path and line, for a file that cannot be read or is no such table; columns
-            that are missing, unknown, doubled or in another order; a line cut short; a NaN; times that
-            do not rise.
+        FileFormatError: naming path and line, for a file that cannot be read or is not a table; columns that
+            are missing, unknown, duplicate or in another order; a truncated line; NaN; times that do not
+            increase.
     """
     if is_parquet(path):
         columns, _ = read_columns(path)
@@ -132,7 +132,7 @@ def load_table(path: PathName, expected: Sequence[str] | None = None) -> dict[st
 
 
 def is_parquet(path: PathName) -> bool:
-    """Return whether the suffix of a table is that of Parquet."""
+    """Return whether a table has the suffix of Parquet."""
     return as_path(path).suffix.lower() == ".parquet"
 
 
@@ -140,7 +140,7 @@ def column_names(path: PathName) -> list[str]:
     """Return the names of a table's columns, "time" first.
 
     Raises:
-        FileFormatError: The file is not a table.
+        FileFormatError: if the file is not a table.
     """
     if not is_parquet(path):
         return read_lines(path)[0]
@@ -150,10 +150,10 @@ def column_names(path: PathName) -> list[str]:
 
 
 def column_meaning(path: PathName) -> dict[str, dict[str, Any]]:
-    """Return column -> {"unit", "quantity", "joint"} of a table, as far as it, or the file beside it, says.
+    """Return column -> {"unit", "quantity", "joint"} of a table, from the table or its companion file.
 
     Raises:
-        FileFormatError: where that is something else.
+        FileFormatError: if the meanings are malformed.
     """
     companion = as_path(path).with_name(COLUMNS_FILE)
     if is_parquet(path):
@@ -162,7 +162,7 @@ def column_meaning(path: PathName) -> dict[str, dict[str, Any]]:
 
 
 def _check_parquet(path: PathName, columns: Mapping[str, Array]) -> None:
-    """Refuse columns that are no table over time."""
+    """Refuse columns that are not a table over time."""
     if next(iter(columns), None) != TIME:
         raise FileFormatError(path, f"is not a table: its first column is not {TIME!r}")
     if not columns[TIME].size:
@@ -175,9 +175,9 @@ def numbers_of(path: PathName, names: list[str], rows: list[str]) -> dict[str, A
     """Return the numbers in the lines of a table, column -> values, shape (T,).
 
     Raises:
-        FileFormatError: as `load_table`, for what is wrong beyond the first line.
+        FileFormatError: naming path and line, for faults after the first line.
     """
-    for i, row in enumerate(rows):  # all of them before any memory is taken for so many columns
+    for i, row in enumerate(rows):  # check all rows before memory for the columns is allocated
         if row.count(",") != len(names) - 1:
             raise FileFormatError(path, f"{row.count(',') + 1} values for {len(names)} columns", i + 2)
     table = np.empty((len(rows), len(names)))
@@ -197,7 +197,7 @@ def read_lines(path: PathName) -> tuple[list[str], list[str]]:
     """Return the names of a table's columns, "time" first, and its lines of numbers.
 
     Raises:
-        FileFormatError: for a file that cannot be read, is truncated, or lacks that line or numbers.
+        FileFormatError: for a file that cannot be read, is truncated, or lacks the names or numbers.
     """
     text = read_text(path)
     lines = text.split("\n")
@@ -211,6 +211,7 @@ def read_lines(path: PathName) -> tuple[list[str], list[str]]:
 
 
 def _check_header(path: PathName, names: list[str], expected: Iterable[str] | None) -> None:
+    """Refuse column names that are duplicate, unknown, missing or in another order."""
     if len(set(names)) < len(names):
         doubled = repeated(names)[0]
         raise FileFormatError(path, f"column {shortened(repr(doubled))} occurs twice", 1)
@@ -241,7 +242,7 @@ def _check_header(path: PathName, names: list[str], expected: Iterable[str] | No
 
 
 def _known(name: str, wanted: list[str]) -> str:
-    """Return the known columns, for the message about an unknown one."""
+    """Return the known columns, for the message about an unknown column."""
     parts = [column.rpartition(".") for column in wanted if column != TIME]
     joint = name.rpartition(".")[0]
     kinds = ", ".join(quantity for owner, _, quantity in parts if owner == joint)
@@ -250,8 +251,9 @@ def _known(name: str, wanted: list[str]) -> str:
 
 
 def _numbers(path: PathName, line: int, row: str, names: list[str]) -> list[float]:
+    """Return the finite numbers of a line."""
     cells = row.split(",")
-    # The usual number is written in ASCII, without what `float` takes besides: 1_0, infinity, other digits.
+    # Usual numbers are ASCII, without the other forms that `float` accepts: 1_0, infinity, other digits.
     try:
         values = [float(cell) for cell in cells] if row.isascii() and "_" not in row else []
     except ValueError:

@@ -1,19 +1,19 @@
-"""Inverse kinematics: tasks in, the best configuration and the reason out.
+"""Inverse kinematics: from tasks to the best configuration, with the reason of a failure.
 
     solve, IKResult, IKStatus                 one problem; TaskError and TorqueUse are parts of the result
     solve_batch, BatchResult                  many targets at once
     solutions                                 several configurations for one problem
     HandPose, HandPosition, LookAt, Point, PointAt            tasks of Pepper
-    straight_pointing                         those of pointing with a stretched arm
+    straight_pointing                         tasks of pointing with a stretched arm
     FramePose, FramePosition, FrameOrientation, FrameInPlane  tasks of any frame
     AxisAlignment, LineThroughPoint
-    RelativePose, RelativePosition, RelativeOrientation       of one frame to another
+    RelativePose, RelativePosition, RelativeOrientation       tasks of one frame relative to another
     JointPosture, JointValue, BasePlacement, BasePosition, BaseYaw
     CenterOfMass, CenterOfMassOverWheels, HoldingTorque
     Expression                                any CasADi expression of q
-    Task, TaskGroup                           base classes for tasks of your own
+    Task, TaskGroup                           base classes of user-defined tasks
 
-The differential-IK controller and the search for a place to stand are separate packages, `pepper_kin.servo`
+The differential-IK controller and the search for base placements are separate packages, `pepper_kin.servo`
 and `pepper_kin.base_placement`.
 """
 

@@ -56,13 +56,13 @@ from pepper_kin.model.requirements import Balance
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene
 
-# Rows that a thread takes at a time.
+# Number of rows that a thread solves at a time.
 CHUNK = 512
 
 Arrays: TypeAlias = tuple[Array, np.ndarray, Array, np.ndarray, np.ndarray]
 
 CODES = tuple(IKStatus)
-"""The status of each code in `BatchResult.codes`."""
+"""Status of each code in `BatchResult.codes`."""
 
 _REASONS = {
     IKStatus.CLOSEST_UNREACHABLE: "no posture was found that reaches it, even without joint limits",
@@ -74,14 +74,14 @@ _REASONS = {
 
 @dataclass(frozen=True, eq=False)
 class BatchResult(FrozenArrays):
-    """The configurations found for N sets of targets; arrays are read-only.
+    """Configurations found for N sets of targets; arrays are read-only.
 
     Attributes:
         q: Joint positions within all limits [rad or m], shape (N, n).
-        codes: How each search ended, as a place in `ik.batch.CODES`; 0 is solved, shape (N,).
-        errors: Error of each task [m or rad], groups taken apart, shape (N, tasks).
-        iterations: Steps over all starts, shape (N,).
-        restarts: Starts used after the first, shape (N,).
+        codes: Status of each row, as an index of `ik.batch.CODES`; 0 is solved, shape (N,).
+        errors: Error of each task [m or rad], groups split into their parts, shape (N, tasks).
+        iterations: Number of steps over all starts, shape (N,).
+        restarts: Number of starts used after the first, shape (N,).
         time: Wall-clock time of the call [s].
         solver: Name of the solver.
         seed: Seed of the restarts.
@@ -116,22 +116,22 @@ class BatchResult(FrozenArrays):
 
     @property
     def hard_met(self) -> np.ndarray:
-        """Whether every hard task is met, shape (N,); True everywhere where none is hard."""
+        """Whether every hard task is met, shape (N,); True without hard tasks."""
         hard = [k for k, task in enumerate(self._tasks) if task.hard]
         limits = np.array([self._tasks[k].tolerance for k in hard])
         return np.asarray(np.all(self.errors[:, hard] <= limits, axis=1))
 
     @cached_property
     def shortfalls(self) -> Array:
-        """By how much each task is missed at least, whatever the posture within the limits [m].
+        """Lower bound of each task's error over all postures within the limits [m], shape (N, tasks).
 
-        Proven, see `pepper_kin.ik.reach_bound`: 0 within the convex hull of what a frame reaches, and for all
-        tasks but those on positions.  Shape (N, tasks).
+        The bound is proven, see `pepper_kin.ik.reach_bound`. It is 0 for targets within the convex hull of
+        the points that a frame reaches, and for all tasks that are not on positions.
         """
         return read_only(shortfalls(self._pepper, self._tasks, self._starts, self._movable))
 
     def reason(self, row: int) -> str:
-        """Return in a clause why a row was not solved; empty where it was."""
+        """Return the reason why a row is not solved, as a clause; empty for a solved row."""
         status = self.status(row)
         if status is IKStatus.SOLVED:
             return ""
@@ -143,13 +143,13 @@ class BatchResult(FrozenArrays):
         return _REASONS[status]
 
     def status(self, row: int) -> IKStatus:
-        """Return how the search of one row ended."""
+        """Return the status of one row."""
         return CODES[int(self.codes[row])]
 
     def result(self, row: int) -> IKResult:
-        """Return one row as `solve` would, with a certificate computed from q; `time` is the whole call's.
+        """Return one row as an `IKResult`, with a certificate computed from q; `time` is the whole call's.
 
-        Of a row that fails it looks for the reason first: a tenth of a second or so.
+        For a row that is not solved, the reason is searched first, in about a tenth of a second.
         """
         tasks = tuple(task.at(row) for task in self._tasks)
         q, status, start = read_only(self.q[row]), self.status(row), self._starts[row]
@@ -172,7 +172,7 @@ class BatchResult(FrozenArrays):
         )
 
     def report(self) -> str:
-        """Return how many rows ended how, in plain words."""
+        """Return the number of rows per status, as text."""
         counts = {status: int(np.sum(self.codes == k)) for k, status in enumerate(CODES)}
         ends = ", ".join(f"{count} {status.value}" for status, count in counts.items() if count)
         proven = int(np.sum(_out_of_reach(self.shortfalls, self._tasks)))
@@ -205,43 +205,45 @@ def solve_batch(
     progress: Callable[[int, int], None] | None = None,
     closest: bool = True,
 ) -> BatchResult:
-    """Do for N sets of targets what `solve` does for one.
+    """Find joint positions for N sets of targets, each row as `solve` does.
 
     Tasks take N targets in place of one: `HandPosition("left", points)` with points of shape (N, 3).  Every
-    row is searched as `solve` would with the same seed, so results depend neither on the other rows nor on
-    the number of threads.
+    row is searched as by `solve` with the same seed, so a result depends neither on other rows nor on the
+    number of threads.
 
-    A row that cannot be solved takes `solve` a hundred times as long as others, nearly all of it in search of
-    the closest configuration.  For data sets, which need the reason only, `closest=False` leaves that out:
-    rows whose target is beyond reach by proof (`BatchResult.shortfalls`) end after one descent, and those
-    that are met only in collision after one round among obstacles of twelve and from postures that have the
-    hand near its target.  Solutions that need no more are the same; of the others nearly all are found.
+    A row that cannot be solved takes a hundred times as long as others, nearly all of it for the closest
+    configuration. For data sets, which need the reason only, `closest=False` omits that search: rows whose
+    target is proven out of reach (`BatchResult.shortfalls`) end after one descent, and rows that are met only
+    in collision end after one round among obstacles instead of twelve, and a search from postures with the
+    hand near its target. Solutions that need no longer search are the same; nearly all others are found.
 
     Args:
         pepper: The robot.
-        tasks: The tasks; those with a single target have the same one in every row.
-        start: Where to begin and what to stay near [rad or m], shape (n,) or (N, n); None for
-            `pepper.neutral()`.
-        solver: "fast", "placo" or "proxsuite"; "robot" as its `solvers` say, which are "fast" by default.
-        scene: What stands around the robot, which keeps clear of itself in any case; None for nothing.
-        collisions: Whether collisions are examined; False leaves them out, and the result says so.
-        margin: Distance to the scene that is kept [m].
-        balance: As of `solve`.
-        payload: As of `solve` [kg].
-        seed: Draws the restarts.
+        tasks: Tasks with N targets, or with one target for all rows.
+        start: Joint positions where searches begin and to which solutions are near [rad or m], shape (n,) or
+            (N, n); None for `pepper.neutral()`.
+        solver: "fast", "placo" or "proxsuite"; "robot" for the robot's `solvers`, "fast" by default.
+        scene: Obstacles around the robot; None for none. Self-collision is checked with or without a scene.
+        collisions: Whether collisions are checked; the result says if they are not.
+        margin: Minimum distance to the scene [m].
+        balance: Minimum distance of the center of mass from the edges of the wheels' triangle [m], see
+            `solve`.
+        payload: Point masses at "left", "right" or a frame by name [kg], see `solve`.
+        seed: Seed of the restarts.
         joints: Joints that may move, by names of joints and groups; None for all.
-        max_iterations: Steps from each start.
-        restarts: Further starts.
-        threads: Threads that share the rows; the other solvers than "fast" use one.
-        progress: Called with the number of rows done and N, from the calling thread.
-        closest: Whether rows that are not solved end as close to their targets as `solve` comes; False for
-            any place clear of collisions, which may be the start.  For "fast" only.
+        max_iterations: Maximum number of steps from each start.
+        restarts: Maximum number of further starts.
+        threads: Number of threads that share the rows; solvers other than "fast" use one.
+        progress: Function that is called with the number of finished rows and N, from the calling thread.
+        closest: Whether rows that are not solved end as close to their targets as by `solve`; False for any
+            configuration clear of collisions, which may be the start. For "fast" only.
 
     Returns:
-        Arrays of what `solve` returns.
+        Results of all rows, as arrays.
 
     Raises:
-        InvalidValueError: as `solve`, and where the numbers of targets differ or no task has several.
+        InvalidValueError: for no task, an unknown solver, numbers that are malformed, NaN or infinite,
+            different numbers of targets, or no task with several targets.
         UnknownNameError: for a frame, joint or group that the robot lacks.
         LimitError: for a start outside the joint limits.
         MissingDependencyError: for "proxsuite" where its library cannot be loaded.
@@ -314,7 +316,7 @@ def _solve_fast(
 ) -> Arrays:
     """Solve all rows in machine code, from starts [rad or m], shape (N, n); `movable` has shape (n,)."""
     tasks, pepper, hopeless = balanced(tasks), world.pepper, np.zeros(len(starts), dtype=bool)
-    if not budget.closest and not is_ordered(tasks):  # what is met of tasks in order still counts
+    if not budget.closest and not is_ordered(tasks):  # with priorities, tasks that are met still count
         hopeless = _out_of_reach(shortfalls(pepper, tasks, starts, movable), tasks)
     rows = BatchSearch(pepper, tasks, starts, movable, budget, around=world, hopeless=hopeless)
     _share_out(rows.solve, len(starts), threads, progress)
@@ -344,9 +346,9 @@ def _try_nearby(
     budget: SearchBudget,
     answers: Arrays,
 ) -> None:
-    """Solve rows that are met only in collision so far from postures that have the frame near its target.
+    """Solve rows that are met only in collision from postures that have the frame near its target.
 
-    Arguments as of `_solve_fast`; what is found is written into the answers.
+    Solutions are written into `answers`; the other arguments are as in `_solve_fast`.
     """
     q, codes, errors, _, restarts = answers
     rows = np.flatnonzero(codes == CODES.index(IKStatus.CLOSEST_COLLISION))
@@ -376,7 +378,7 @@ def _try_nearby(
 
 
 def _search_on(request: Request, row: int, answers: Arrays) -> None:
-    """Search on in one row, as `solve` does; writes what is found into the answers."""
+    """Continue the search of one row, as `solve` does, and write the result into `answers`."""
     q, codes, errors, iterations, restarts = answers
     before = SearchResult(q[row].copy(), CODES[int(codes[row])], int(iterations[row]), int(restarts[row]))
     found = search_on(request, "fast", before)
@@ -394,9 +396,9 @@ def _rest(
     answers: Arrays,
     balance: float | None,
 ) -> None:
-    """Solve rows again whose solution the robot does not keep at rest, as `solve` does.
+    """Solve rows again whose solution the robot cannot hold at rest, as `solve` does.
 
-    Arguments as of `_solve_fast`; what is found is written into the answers.
+    Solutions are written into `answers`; the other arguments are as in `_solve_fast`.
     """
     q, codes, errors, iterations, restarts = answers
     solved = np.flatnonzero(codes == CODES.index(IKStatus.SOLVED))
@@ -432,7 +434,7 @@ def _solve_each(
 
 
 def _count(tasks: Sequence[Task], start: Array) -> int:
-    """Return N, on which all that come in numbers agree; start has shape (n,) or (N, n) [rad or m]."""
+    """Return N, the common number of targets and starts; start has shape (n,) or (N, n) [rad or m]."""
     counts = {f"targets of {task.label}": task.count for task in tasks if task.count is not None}
     if start.ndim > 2:
         raise InvalidValueError(
@@ -473,6 +475,6 @@ def _share_out(
                 if progress is not None:
                     progress(done, count)
         except BaseException:
-            # Without this the pool would first finish all rows, however many are left.
+            # Otherwise the pool would finish all remaining rows first.
             pool.shutdown(cancel_futures=True)
             raise

@@ -1,4 +1,4 @@
-"""The certificate of a result, computed from the problem and q alone."""
+"""Certificate of a result, computed from the problem and q alone."""
 
 from __future__ import annotations
 
@@ -24,25 +24,25 @@ from pepper_kin.model import PepperModel
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene
 
-# A joint within this of a bound is at it [rad or m].
+# Maximum distance from a bound at which a joint counts as at it [rad or m].
 AT_LIMIT = 1e-4
 
-# A limit blocks where the tasks' gradient along the joint is this part of the weighted distance or more.
+# Minimum ratio of the tasks' gradient along a joint to the weighted residual at which its limit blocks.
 PUSH = 1e-3
 
 
 class CertificateInputs(NamedTuple):
-    """All that a certificate is computed from, when it is asked for.
+    """Inputs of a certificate, which is computed at its first use.
 
     Attributes:
         pepper: The robot.
-        tasks: The tasks, groups taken apart.
-        q0: The start, shape (n,) [rad or m].
+        tasks: The tasks, groups split into their parts.
+        q0: Start of the search, shape (n,) [rad or m].
         movable: Joints that may move, shape (n,); None for all.
-        scene: The scene, None where collisions were not considered.
+        scene: The scene; None if collisions are not checked.
         q: Joint positions to certify, shape (n,) [rad or m].
-        balance: Distance asked for from the edges of the wheels' triangle [m]; None for none.
-        loads: What is carried; None for what is attached in the scene with a mass.
+        balance: Required distance from the edges of the wheels' triangle [m]; None for none.
+        loads: Carried objects; None for the objects with a mass attached in the scene.
     """
 
     pepper: PepperModel
@@ -65,7 +65,7 @@ class CertificateInputs(NamedTuple):
 def certify(
     problem: TaskProblem, collisions: Collisions, q: Array, balance: float | None = None
 ) -> IKCertificate:
-    """Return the certificate of q, shape (n,) [rad or m], and of a balance asked for [m]."""
+    """Return the certificate of q, shape (n,) [rad or m], and of a required balance [m]."""
     pepper = problem.pepper
     errors = tuple(
         TaskError(
@@ -97,7 +97,7 @@ def certify(
         aside = moved_aside(pepper, ~joints_used(pepper, problem.tasks), way)
     in_collision = None if not collisions.considered else not collisions.free(q)
     note = LEFT_EMPTY if is_left_empty(collisions.scene) else ""
-    # Points that are looked at are met at any distance; of those to be reached the hint says it.
+    # Gaze and line tasks are met at any distance; the hint covers points that have to be reached.
     points = [task.target for task in problem.tasks if isinstance(task, LookAt | LineThroughPoint)]
     note = note or suspect_millimeters(max((float(np.abs(point).max()) for point in points), default=0.0))
     if in_collision:

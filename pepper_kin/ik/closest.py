@@ -1,4 +1,4 @@
-"""The closest configuration where tasks of different weights compete."""
+"""Search for the closest configuration where tasks of different weights compete."""
 
 from __future__ import annotations
 
@@ -14,29 +14,30 @@ from pepper_kin.ik.problem import SearchBudget, TaskProblem, joints_used
 from pepper_kin.ik.tasks.structure import known_structures
 
 STARTS, ROUNDS, ROUND, STEPS = 64, 6, 16, 60
-"""Random starts, then rounds of so many mixed ones, and steps from each at most."""
+"""Number of random starts, number of rounds, mixed starts per round, and maximum number of steps from
+each."""
 
 PARENTS, REDRAWN = 4, 0.4
-"""Starts are mixed from so many of the best minima so far, each joint drawn anew with this probability.  Of
-two problems whose best minimum one random start in 128 leads to, 128 random starts missed it 9 times of 48,
-and as many of which half are mixed once."""
+"""Number of best minima from which starts are mixed, and probability of a joint to be drawn anew. For two
+problems whose best minimum one random start in 128 leads to, 128 random starts missed it 9 times of 48; 128
+starts of which half were mixed missed it once."""
 
 SAME = 1e-6
-"""Costs that differ by less, as a part, are of the same minimum."""
+"""Relative difference of costs below which two minima are the same."""
 
 
 def closest(problem: TaskProblem, collisions: Collisions, budget: SearchBudget, q: Array) -> Array:
-    """Return the configuration of least cost of q and where further starts lead, both shape (n,) [rad or m].
+    """Return the configuration of least cost among q and the ends of further descents, shape (n,) [rad or m].
 
-    What a descent is compared with, that is its posture term, the gain of its last step and how far starts
-    agree, has the scale of weights around 1.  A task of weight 0.01 that is 5 cm off adds 1e-7 to the cost,
-    no more than the posture term does.  Here the least weight is 1.
+    The thresholds of a descent (posture term, gain of the last step, agreement of starts) are scaled for
+    weights around 1. A task of weight 0.01 that is 5 cm off adds 1e-7 to the cost, no more than the posture
+    term. Here weights are scaled to a minimum of 1.
 
     Args:
         problem: Tasks that are not met together; at least one has a finite tolerance.
-        collisions: What may not touch, unless something does at q.
-        budget: Its seed, steps and deadline count.
-        q: What was found so far, shape (n,) [rad or m].
+        collisions: Collision checks, which count if q is free.
+        budget: Seed, steps and deadline of the search.
+        q: Best configuration so far, shape (n,) [rad or m].
     """
     least = min(task.weight for task in problem.tasks if math.isfinite(task.tolerance))
     scaled = replace(problem, tasks=tuple(task.weighted(1.0 / least) for task in problem.tasks))
@@ -61,7 +62,7 @@ def closest(problem: TaskProblem, collisions: Collisions, budget: SearchBudget, 
 
 
 def _ends(problem: TaskProblem, budget: SearchBudget, worst: float) -> Array:
-    """Return minima of less than a cost, collisions left out, the best first, shape (m, n) [rad or m]."""
+    """Return minima below a cost, without collision checks, the best first, shape (m, n) [rad or m]."""
     pepper, q0 = problem.pepper, problem.q0
     index = np.flatnonzero(problem.movable & joints_used(pepper, problem.tasks))
     low, high = np.maximum(problem.lower, q0 - np.pi)[index], np.minimum(problem.upper, q0 + np.pi)[index]
@@ -83,7 +84,7 @@ def _ends(problem: TaskProblem, budget: SearchBudget, worst: float) -> Array:
 
 
 def _descents(problem: TaskProblem, budget: SearchBudget, starts: Array) -> tuple[Array, Array]:
-    """Return where searches from starts [rad or m], shape (m, n), end, of that shape, and their costs."""
+    """Return the ends of searches from starts, shape (m, n) each [rad or m], and their costs, shape (m,)."""
     pepper, tasks, movable = problem.pepper, problem.tasks, problem.movable
     budget = budget._replace(restarts=0, max_iterations=min(STEPS, budget.max_iterations), thorough=False)
     if known_structures(tasks) is not None:

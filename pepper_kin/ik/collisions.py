@@ -1,4 +1,4 @@
-"""Collisions as the inverse kinematics sees them: a verdict, and half-spaces that keep steps clear."""
+"""Collision checks of inverse kinematics: free or not, and half-spaces that keep steps clear."""
 
 from __future__ import annotations
 
@@ -30,19 +30,19 @@ if TYPE_CHECKING:
     from pepper_kin.collision.fast import FastChecker
 
 MARGIN = 0.005
-"""Steps keep this distance where they can [m]."""
+"""Distance that steps keep where they can [m]."""
 NOTICE = 0.10
-"""They take notice of bodies nearer than this [m]."""
+"""Distance below which pairs of bodies constrain a step [m]."""
 
 NO_TESTS = CollisionTests(0, 0, 0, 0, 0, 0)
-"""For searches that leave collisions out."""
+"""Tests of searches without collision checks."""
 
 _GRAVITY = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64, ctypes.c_int64)
 _FUNCTION = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_int64] * 4)
 
 
 def holding_torque(pepper: PepperModel, q: Array, loads: Loads) -> Array:
-    """Return what holds a robot and what it carries still [N m or N] at q [rad or m], shape (..., n) each."""
+    """Return the torques that hold a robot and its loads still [N m or N] at q [rad or m], shape (..., n)."""
     torque = gravity_torque(pepper, q)
     if not loads:
         return torque
@@ -51,9 +51,9 @@ def holding_torque(pepper: PepperModel, q: Array, loads: Loads) -> Array:
 
 
 def torque_ratios(pepper: PepperModel, q: Array, loads: Loads = ()) -> Array:
-    """Return |g_i(q)| / effort limit of every joint at q, shape (..., n) each; zero where there is no limit.
+    """Return |g_i(q)| / effort limit of every joint at q, shape (..., n) each; zero for joints without limit.
 
-    What is carried counts.
+    The torques g include the loads'.
     """
     effort = pepper.effort_limits
     limited = np.isfinite(effort) & (effort > 0)
@@ -61,16 +61,16 @@ def torque_ratios(pepper: PepperModel, q: Array, loads: Loads = ()) -> Array:
 
 
 class Collisions:
-    """Answers for one robot in one scene, or in none (then nothing ever collides).
+    """Collision checks of one robot in one scene; without a scene every configuration is free.
 
     Args:
         pepper: The robot.
         scene: The world; an empty one checks the robot against itself, None checks nothing.
-        margin: Distance to the scene that is kept [m].
-        loads: What is carried; None for what is attached in the scene with a mass.
+        margin: Minimum distance to the scene [m].
+        loads: Carried objects; None for the objects with a mass attached in the scene.
 
     Attributes:
-        loads: What is carried.
+        loads: Carried objects.
     """
 
     def __init__(
@@ -83,12 +83,12 @@ class Collisions:
         self._kept: tuple[Any, ...] = ()
 
     def again(self) -> Collisions:
-        """Return the same for use on another thread."""
+        """Return a copy of the checks for use on another thread."""
         return Collisions(self.pepper, self.scene, self.margin, self.loads)
 
     @property
     def considered(self) -> bool:
-        """Whether anything is checked."""
+        """Whether collisions are checked."""
         return self.scene is not None
 
     def free(self, q: Array) -> bool:
@@ -104,7 +104,7 @@ class Collisions:
         return ~fast_checker_for(self.pepper, self.scene, self.margin).in_collision(q)
 
     def clearance(self, q: Array) -> Clearance | None:
-        """Return the least distances at q, shape (n,) [rad or m]; None where nothing is checked."""
+        """Return the minimum distances at q, shape (n,) [rad or m]; None without checks."""
         if self.scene is None:
             return None
         return clearance_along(self.pepper, q[None], self.scene)
@@ -112,27 +112,27 @@ class Collisions:
     def half_spaces(self, q: Array, count: int) -> Array:
         """Return half-spaces of joint positions near q that keep a step clear, g . q' >= b.
 
-        Each is one of the nearest pairs of bodies, linearized.  With d its distance at q and g = dd/dq,
+        Each half-space linearizes the distance d of one of the nearest pairs of bodies; with g = dd/dq at q,
 
             d + g . (q' - q) >= MARGIN + margin.
 
         Args:
             q: Joint positions, shape (n,) [rad or m].
-            count: Largest number of pairs.
+            count: Maximum number of pairs.
 
         Returns:
-            g and b of each, shape (m, n + 1), m <= count.
+            g and b of each half-space, shape (m, n + 1), m <= count.
         """
         pairs = near_pairs(self.pepper, q, NOTICE + self.margin, self.scene)
         slopes, distances = pairs.gradients[:count], pairs.distances[:count]
         return np.column_stack([slopes, MARGIN + self.margin - distances + slopes @ q])
 
     def tests(self, signals: np.ndarray) -> CollisionTests:
-        """Return the same as functions at addresses, valid until the next call and on this thread.
+        """Return the checks as addresses of functions, valid until the next call and on this thread.
 
         Args:
-            signals: A table, shape (8,), see `pepper_kin.kernels.interrupts`, that is set to stop where a
-                verdict fails; `check` then raises why.
+            signals: A table, shape (8,), see `pepper_kin.kernels.interrupts`, that is set to stop if a check
+                fails; `check` then raises the error.
         """
         if self.scene is None:
             return NO_TESTS
@@ -163,11 +163,11 @@ class Collisions:
     def holding(self, gravity: int, signals: np.ndarray) -> int:
         """Return the address of the function (q, result, work) that writes the torques that hold q still.
 
-        It is valid as long as this object, on this thread.
+        The address is valid on this thread while this object lives.
 
         Args:
-            gravity: Address of the robot's own, which serves where nothing is carried.
-            signals: As of `tests`, of the same shape.
+            gravity: Address of the robot's own function, returned without loads.
+            signals: Table of signals, shape (8,), as in `tests`.
         """
         if not self.loads:
             return gravity
@@ -183,7 +183,7 @@ class Collisions:
         return int(ctypes.cast(self._held, ctypes.c_void_p).value or 0)
 
     def check(self) -> None:
-        """Raise what a verdict has raised during a search."""
+        """Raise the error that a check raised during a search."""
         raised, self._raised = self._raised, None
         if raised is not None:
             raise raised
@@ -193,10 +193,10 @@ _local = threading.local()
 
 
 class _Blocks:
-    """The blocks of memory of one thread for a checker.
+    """Memory of one thread for a checker.
 
     Attributes:
-        tests: What compiled searches call.
+        tests: Addresses that compiled searches call.
     """
 
     def __init__(self, checker: FastChecker) -> None:

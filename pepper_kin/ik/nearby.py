@@ -1,4 +1,4 @@
-"""Starts near a target: postures clear of the robot itself, by where they have a frame."""
+"""Starts near a target: postures without self-collision, indexed by a frame's position."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from pepper_kin.model import PepperModel
 from pepper_kin.model.digest import kept_for_robot
 
 DRAWN, STARTS = 20_000, 48
-"""Postures that are drawn, and how many of those that are left are tried for a target."""
+"""Number of drawn postures, and maximum number of collision-free ones tried for a target."""
 
 
 class Nearby(NamedTuple):
-    """Postures and the places of a frame in them.
+    """Postures and a frame's positions in them.
 
     Attributes:
-        postures: Free of self-collision [rad or m], shape (k, n).
+        postures: Joint positions free of self-collision [rad or m], shape (k, n).
         tree: `scipy.spatial.cKDTree` of the frame's origins in the world [m].
     """
 
@@ -36,13 +36,13 @@ class Nearby(NamedTuple):
 
 @kept_for_robot(most=8)
 def nearby(pepper: PepperModel, frame: str, moves: tuple[bool, ...], resting: tuple[float, ...]) -> Nearby:
-    """Return postures even in the joint box of a robot; joints without limits turn half a turn either way.
+    """Return random postures, uniform in the joint box; joints without limits are within half a turn of 0.
 
     Args:
         pepper: The robot.
         frame: Name of the frame.
-        moves: Which joints may move, of n.
-        resting: Positions of the others [rad or m].
+        moves: Whether each joint may move, n values.
+        resting: Positions of the joints that may not move [rad or m], n values.
     """
     from scipy.spatial import cKDTree
 
@@ -57,7 +57,7 @@ def nearby(pepper: PepperModel, frame: str, moves: tuple[bool, ...], resting: tu
 def resting_of(
     pepper: PepperModel, starts: Array, movable: np.ndarray | None
 ) -> tuple[tuple[bool, ...], tuple[float, ...]] | None:
-    """Return which joints may move and where all rows have the others [rad or m]; None where rows differ.
+    """Return which joints may move, and the other joints' positions [rad or m]; None if these differ by row.
 
     Args:
         pepper: The robot.

@@ -1,4 +1,4 @@
-"""Explanation of unreached targets: what blocks them, and what would help."""
+"""Explanation of unreached targets: obstructions, contradictions, and joints that would help."""
 
 from __future__ import annotations
 
@@ -19,31 +19,31 @@ from pepper_kin.ik.solvers import make_solver
 from pepper_kin.ik.tasks.task import words_for_length
 
 RESTARTS = 3
-"""Of a search that asks whether a target can be reached at all."""
+"""Number of restarts of a search that asks whether a target can be reached at all."""
 
 MOST_TASKS = 12
-"""Of more tasks contradictions are not looked for: that takes two searches for each."""
+"""Maximum number of tasks among which contradictions are searched: each takes two searches."""
 
 MUTED_WEIGHT, MUTED_TOLERANCE = 1e-8, 1e6
-"""Of a task that shall count for nothing: its pull is far below that of the posture term."""
+"""Strength and tolerance of a task that shall not count: its gradient is far below the posture term's."""
 
 POSTURES = 24
-"""Starts for postures that meet tasks, of which is said what touches."""
+"""Number of starts for postures that meet the tasks and whose contacts are counted."""
 
 
 def what_would_help(problem: TaskProblem, whole: TaskProblem, solver: str, budget: SearchBudget) -> str:
-    """Return which joints, if they were free too, would let the target be reached, collisions left out.
+    """Return the joints that, if free too, would let the target be reached, without collision checks.
 
-    Of the robot's joint groups the one that frees fewest further joints is named.
+    The answer is the joint group that frees the fewest further joints.
 
     Args:
-        problem: The problem with the joints that may move.
-        whole: The same with all joints that the tasks depend on.
+        problem: Problem with the joints that may move.
+        whole: Problem with all joints on which the tasks depend.
         solver: Name of the solver.
-        budget: The search's budget.
+        budget: Budget of the search.
 
     Returns:
-        Words such as "the torso" or "all joints"; empty where even all joints do not help.
+        Words such as "the torso" or "all joints"; empty if even all joints do not help.
     """
     missing = whole.movable & ~problem.movable
     if not missing.any() or not _solvable(whole, solver, budget):
@@ -65,15 +65,15 @@ def what_would_help(problem: TaskProblem, whole: TaskProblem, solver: str, budge
 
 
 def what_is_in_the_way(problem: TaskProblem, collisions: Collisions, budget: SearchBudget) -> str:
-    """Say which two things touch most often where the tasks are met, and how deep.
+    """Return the two bodies that touch most often where the tasks are met, with the penetration depth.
 
     Args:
         problem: The problem.
-        collisions: What may not touch.
-        budget: The search's budget; its seed draws postures.
+        collisions: Collision checks.
+        budget: Budget of the search; its seed draws postures.
 
     Returns:
-        A clause; empty where no posture meets the tasks.
+        A clause; empty if no posture meets the tasks.
     """
     pepper, tasks, q0, movable = problem.pepper, problem.tasks, problem.q0, problem.movable
     first = search_compiled(pepper, tasks, q0, movable, budget)
@@ -101,18 +101,18 @@ def what_is_in_the_way(problem: TaskProblem, collisions: Collisions, budget: Sea
 
 
 def what_contradicts(problem: TaskProblem, solver: str, budget: SearchBudget) -> tuple[str, ...]:
-    """Return the names of tasks that are met each alone, but not together, collisions left out.
+    """Return the names of tasks that can be met one by one but not together, without collision checks.
 
-    Of the tasks those are left out one by one without which the others still are not met: what is left is
-    met as soon as any one of them is left out (a deletion filter: Chinneck and Dravnieks, 1991).
+    A deletion filter (Chinneck and Dravnieks, 1991) drops each task without which the others still cannot be
+    met; the remaining tasks can be met as soon as any one of them is dropped.
 
     Args:
-        problem: The problem, whose tasks are not met together.
+        problem: Problem whose tasks are not met together.
         solver: Name of the solver.
-        budget: The search's budget.
+        budget: Budget of the search.
 
     Returns:
-        Two names or more; none where a task is not met even alone, or no contradiction was found.
+        Two names or more; empty if a task is not met even alone, or no contradiction was found.
     """
     kept = [k for k, task in enumerate(problem.tasks) if math.isfinite(task.tolerance)]
     if not 2 <= len(kept) <= MOST_TASKS:
@@ -127,7 +127,7 @@ def what_contradicts(problem: TaskProblem, solver: str, budget: SearchBudget) ->
 
 
 def _with_only(problem: TaskProblem, places: Sequence[int]) -> TaskProblem:
-    """Return the problem in which only some tasks count; its machine code is the same."""
+    """Return a problem in which only some tasks count, with the same machine code."""
     tasks = list(problem.tasks)
     for k, task in enumerate(tasks):
         if k not in places:
@@ -137,7 +137,7 @@ def _with_only(problem: TaskProblem, places: Sequence[int]) -> TaskProblem:
 
 
 def _solvable(problem: TaskProblem, solver: str, budget: SearchBudget) -> bool:
-    """Whether a problem is solved, collisions left out."""
+    """Whether a problem is solved without collision checks."""
     nothing = Collisions(problem.pepper, None)
     found = make_solver(solver, problem).search(nothing, budget._replace(restarts=RESTARTS))
     return found.status is IKStatus.SOLVED

@@ -9,27 +9,27 @@ from pepper_kin.ik.tasks.joint_value import JointValue
 from pepper_kin.ik.tasks.task import ANGLE_TOLERANCE
 
 STRAIGHT_ELBOW = 0.02
-"""Angle of an elbow that counts as straight [rad]: its limit is 0.0087."""
+"""Magnitude of ElbowRoll of a straight elbow [rad]: its limit is 0.0087."""
 
 
 def straight_pointing(
     hand: str, point: ArrayLike, tolerance: float = ANGLE_TOLERANCE
 ) -> tuple[PointAt, JointValue]:
-    """Return the tasks of pointing with a stretched arm: `PointAt` of the forearm, and a straight elbow.
+    """Return the tasks of pointing with a stretched arm: `PointAt` of the forearm and a straight elbow.
 
         pk.ik.solve(pepper, [pk.ik.LookAt(point), *pk.ik.straight_pointing("right", point)])
 
-    `ElbowRoll` is near its limit.  The 10 degrees between upper arm and forearm that are left are built in:
-    the forearm begins 1.5 cm beside the upper arm, and 9 degrees are fixed between both.
+    `ElbowRoll` is near its limit. The remaining 10 degrees between upper arm and forearm are mechanical: the
+    forearm begins 1.5 cm beside the upper arm, at a fixed angle of 9 degrees.
 
     Args:
         hand: "left" or "right".
-        point: The point in the world [m], shape (3,), or (N, 3) for `solve_batch`.
-        tolerance: Of the forearm's line [rad].
+        point: Point in the world [m], shape (3,), or (N, 3) for `solve_batch`.
+        tolerance: Tolerance of the forearm's line [rad].
 
     Raises:
         UnknownNameError: for another hand.
-        InvalidValueError: for a point of wrong shape, or with NaN or infinity, or a tolerance that is none.
+        InvalidValueError: for a point of wrong shape, or with NaN or infinity, or an invalid tolerance.
     """
     side = hand_frame(hand)[0]
     bent = {"L": -STRAIGHT_ELBOW, "R": STRAIGHT_ELBOW}[side]

@@ -15,48 +15,49 @@ from pepper_kin.ik.problem import SearchBudget, TaskProblem
 from pepper_kin.ik.solvers import make_solver
 from pepper_kin.ik.tasks.task import ANGLE_TOLERANCE, POSITION_TOLERANCE, Task
 
-# Weight of a preference that keeps no task of weight 1 from its tolerance: a joint 1 rad away from where
-# it is preferred shifts that task by some hundredths of a millimeter.
+# Maximum weight of a preference that does not keep a task of weight 1 from its tolerance: a joint 1 rad from
+# its preferred position shifts that task by some hundredths of a millimeter.
 PREFERENCE = 1e-3
 
-# Factors on the weight of hard tasks, one after the other, until they are met: HARD_WEIGHT is enough unless
-# a tolerance is very narrow.
+# Factors on the weights of hard tasks, applied in turn until they are met: HARD_WEIGHT is enough unless a
+# tolerance is very narrow.
 RAISED = (10.0, 100.0)
 
-# Factors on the weight of a task that yields, one after the other, until the task before it is met.
+# Factors on the weight of a yielding task, applied in turn until the task before it is met.
 LOWERED = (1 / 30, 1 / 100)
 
-# The same factor where a search looks for what meets the task before it, whatever becomes of the other.
+# Factor on the weight of a yielding task in a search for a configuration that meets the task before it.
 ALONE = 1e-4
 
-# Least weight of a task that has a tolerance, and of a hard one, when the largest is 1.  A task of a hundred
-# times the weight of another shifts by no more than 0.1 mm for each meter of the other's error.
+# Minimum weights of a task with a finite tolerance and of a hard task, if the maximum is 1. A task of a
+# hundred times another's weight shifts by at most 0.1 mm per meter of the other's error.
 LEAST_WEIGHT, LEAST_HARD_WEIGHT = 0.01, 0.1
 
-# Factor on the weights of tasks with freedom in their tolerance, again and again, until all are met.
+# Factor on the weights of tasks with freedom in their tolerance, repeated until all tasks are met, and the
+# maximum number of repetitions.
 LOOSENED = 0.25
 MOST_TIMES = 5
 
-# A tolerance so many times the usual one leaves freedom, and so does an error below this part of it.
+# Minimum ratio of a tolerance to the usual one, and maximum ratio of an error to its tolerance, at which a
+# task has freedom.
 WIDE = 4.0
 SPARE = 0.95
 
-# Starts of a further search, where no descent from the end of the first one meets the tasks of priority.
+# Maximum restarts of a further search if no descent from the end of the first one meets the leading tasks.
 STARTS = 8
 
-# The error has to fall below this part of what it was for another configuration to be taken.
+# Maximum ratio of the new error to the old one at which a configuration is replaced.
 PROGRESS = 0.99
 
 
 def balanced(tasks: Sequence[Task]) -> tuple[Task, ...]:
-    """Return the tasks with weights that a search can work with, of which the largest is 1.
+    """Return the tasks with weights that are balanced for the search, at most 1.
 
-    What steps, damping and the end of a descent are compared with has the scale of weights around 1: only
-    ratios of weights matter to the result.  Hard weights are divided by the largest of them, and so are soft
-    ones, which then are scaled so that none exceeds the least hard one; without hard tasks, all are divided
-    by the largest weight of a task with a finite tolerance.  Weights of tasks that have to be met are kept
-    from vanishing, see `LEAST_WEIGHT`; those of mere preferences, with an infinite tolerance, from growing
-    beyond the others.
+    Only ratios of weights matter to the result, but the thresholds of steps, damping and descents are made
+    for weights around 1. All weights are divided by the largest hard weight; soft weights are then scaled so
+    that none exceeds the smallest hard one. Without hard tasks, all are divided by the largest weight of a
+    task with a finite tolerance. Weights of tasks with a finite tolerance have a minimum, see `LEAST_WEIGHT`;
+    weights of preferences, with an infinite tolerance, do not exceed the others.
     """
     if all(task.weight == 1.0 for task in tasks):
         return tuple(tasks)
@@ -71,7 +72,7 @@ def balanced(tasks: Sequence[Task]) -> tuple[Task, ...]:
 
 
 def _balanced_weight(task: Task, weight: float, share: float, least: float) -> float:
-    """Return the weight of one task, see `balanced`, from its own in units of the largest."""
+    """Return the balanced weight of one task from its weight relative to the largest, see `balanced`."""
     if task.hard:
         return max(weight, LEAST_HARD_WEIGHT)
     if math.isfinite(task.tolerance):
@@ -80,9 +81,9 @@ def _balanced_weight(task: Task, weight: float, share: float, least: float) -> f
 
 
 def equally_weighted(tasks: Sequence[Task]) -> tuple[Task, ...]:
-    """Return the tasks with weights of 1, of mere preferences at most `PREFERENCE`.
+    """Return the tasks with weights of 1, preferences with at most `PREFERENCE`.
 
-    What tasks are met together does not depend on their weights, but whether a descent finds it does.
+    Whether tasks can be met together does not depend on their weights, but whether a descent succeeds does.
     """
     return tuple(
         _with_weight(task, 1.0 if math.isfinite(task.tolerance) else min(task.weight, PREFERENCE))
@@ -101,19 +102,19 @@ def is_ordered(tasks: Sequence[Task]) -> bool:
 
 
 def has_priorities(tasks: Sequence[Task]) -> bool:
-    """Return whether some tasks come before others whatever their weights: hard ones, and positions."""
+    """Return whether some tasks have priority independent of weights: hard tasks, and positions."""
     mixed = any(task.hard for task in tasks) and not all(task.hard for task in tasks)
     return mixed or any(task.yields for task in tasks)
 
 
 @dataclass(frozen=True, eq=False)
 class SolverContext:
-    """How to search on.
+    """Solver, collision checks and budget of further descents.
 
     Attributes:
         solver: Name of the solver.
-        collisions: What may not touch; a free configuration stays free.
-        budget: Steps of each descent, and the deadline.
+        collisions: Collision checks; a free configuration stays free.
+        budget: Steps of each descent, and deadline.
     """
 
     solver: str
@@ -122,21 +123,21 @@ class SolverContext:
 
 
 def solve_with_priorities(problem: TaskProblem, context: SolverContext, q: Array) -> Array:
-    """Return a configuration that meets better what comes first, searched from where the search ended.
+    """Return a configuration that meets the tasks of priority better, by descents from the end of the search.
 
-    The search itself weighs hard tasks HARD_WEIGHT times as much as others, which meets them to a fraction of
-    a millimeter.  Where one is still not met, its weight is raised in steps and the descent goes on from q
-    (the penalty method: Nocedal and Wright, Numerical Optimization, 2006, ch. 17).  Then tasks that yield get
-    smaller weights in the same way, until those before them are met, and last the tasks that are met with
-    freedom left in a wide tolerance, until all are.
+    The search weighs hard tasks HARD_WEIGHT times as much as others, which meets them to a fraction of a
+    millimeter. If one is still not met, the weights of hard tasks are raised in steps, with a descent from q
+    after each (the penalty method: Nocedal and Wright, Numerical Optimization, 2006, ch. 17). Then the
+    weights of yielding tasks are lowered in steps until the tasks before them are met, and last the weights
+    of tasks with freedom in a wide tolerance until all tasks are met.
 
     Args:
         problem: The problem.
-        context: How to search.
-        q: Where the search ended, shape (n,) [rad or m].
+        context: Solver, collision checks and budget.
+        q: End of the search, shape (n,) [rad or m].
 
     Returns:
-        Joint positions within the bounds, shape (n,); q itself where nothing is gained.
+        Joint positions within the bounds, shape (n,) [rad or m]; q itself without a gain.
     """
     firm = [k for k, task in enumerate(problem.tasks) if task.hard]
     if 0 < len(firm) < len(problem.tasks):
@@ -149,7 +150,7 @@ def solve_with_priorities(problem: TaskProblem, context: SolverContext, q: Array
 
 
 def _let_yield(problem: TaskProblem, context: SolverContext, q: Array) -> Array:
-    """Return where the tasks with one that yields to them are met, as far as they can be.
+    """Return a configuration that meets the tasks to which others yield, as far as one is found.
 
     Both q and the result are joint positions [rad or m], shape (n,).
     """
@@ -169,7 +170,7 @@ def _let_yield(problem: TaskProblem, context: SolverContext, q: Array) -> Array:
     again = make_solver(context.solver, trial).search(context.collisions, few).q
     if _is_gain(problem, context, again, q, leaders):
         return again
-    # While those that yield weigh next to nothing, what comes first is met; from there they come nearer.
+    # With yielding tasks of almost no weight the leading ones are met; then the yielding ones come nearer.
     trial = _reweighted(problem, yielding, ALONE)
     again = make_solver(context.solver, trial).search(context.collisions, context.budget).q
     if not _is_gain(problem, context, again, q, leaders):
@@ -184,7 +185,7 @@ def _let_yield(problem: TaskProblem, context: SolverContext, q: Array) -> Array:
 
 
 def _descended(problem: TaskProblem, context: SolverContext, q: Array) -> Array:
-    """Return where a descent from q ends, clear where q is clear of what may not touch, shape (n,) both."""
+    """Return the end of a descent from q, shape (n,) each [rad or m], free of collisions if q is free."""
     clear = context.collisions.considered and context.collisions.free(q)
     return make_solver(context.solver, problem).descend(q, context.collisions, context.budget, clear=clear)
 
@@ -192,13 +193,13 @@ def _descended(problem: TaskProblem, context: SolverContext, q: Array) -> Array:
 def _is_gain(
     problem: TaskProblem, context: SolverContext, new: Array, old: Array, leaders: Sequence[int]
 ) -> bool:
-    """Whether the new joint positions, shape (n,), meet the leaders and lose nothing that the old keep."""
+    """Whether new joint positions, shape (n,), meet the leaders and are not worse than the old ones."""
     clear = context.collisions.free(new) or not context.collisions.free(old)
     return clear and _worst(problem, leaders, new) <= 1 and _unless_worse(problem, new, old) is new
 
 
 def _relax(problem: TaskProblem, context: SolverContext, q: Array) -> Array:
-    """Return where all tasks are met, if lowering the weights of those with freedom leads there, else q.
+    """Return a configuration that meets all tasks, by lower weights of tasks with freedom; else q.
 
     Both q and the result are joint positions [rad or m], shape (n,).
     """
@@ -221,6 +222,7 @@ def _relax(problem: TaskProblem, context: SolverContext, q: Array) -> Array:
 
 
 def _has_freedom(task: Task) -> bool:
+    """Return whether a soft task's tolerance is wide."""
     usual = POSITION_TOLERANCE if task.unit == "m" else ANGLE_TOLERANCE
     return not task.hard and task.tolerance >= WIDE * usual
 
@@ -235,13 +237,13 @@ def _unless_worse(problem: TaskProblem, new: Array, old: Array) -> Array:
 
 
 def _reweighted(problem: TaskProblem, places: Sequence[int], factor: float) -> TaskProblem:
-    """Return the problem with the weights of some tasks multiplied."""
+    """Return a problem with the weights of some tasks multiplied by a factor."""
     tasks = [task.weighted(factor) if k in places else task for k, task in enumerate(problem.tasks)]
     return replace(problem, tasks=tuple(tasks))
 
 
 def _better(problem: TaskProblem, context: SolverContext, q: Array, first: Sequence[int]) -> Array:
-    """Return where a descent from q ends if the tasks `first` are better met there, else q.
+    """Return the end of a descent from q if it is free and meets the tasks `first` better, else q.
 
     Both q and the result are joint positions [rad or m], shape (n,).
     """
@@ -258,7 +260,7 @@ def _better(problem: TaskProblem, context: SolverContext, q: Array, first: Seque
 
 
 def _worst(problem: TaskProblem, places: Sequence[int], q: Array) -> float:
-    """Return the largest error of some tasks at q, shape (n,) [rad or m], as a part of the tolerance."""
+    """Return the largest ratio of error to tolerance of some tasks at q, shape (n,) [rad or m]."""
     pepper = problem.pepper
     parts = [problem.tasks[k].error(pepper, q) / problem.tasks[k].tolerance for k in places]
     return float(np.max(parts, initial=0.0))

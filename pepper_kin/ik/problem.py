@@ -1,4 +1,4 @@
-"""The optimization problem that all solvers share."""
+"""Optimization problem of inverse kinematics, which all solvers share."""
 
 from __future__ import annotations
 
@@ -18,22 +18,23 @@ from pepper_kin.ik.tasks.task import Task, TaskGroup
 from pepper_kin.model import PepperModel
 
 POSTURE_WEIGHT = 1e-3
-"""eps of the posture term: at a residual of a task's tolerance it shifts the optimum by micrometers."""
+"""eps, weight of the posture term: at a residual of a task's tolerance it shifts the optimum by
+micrometers."""
 
 OUT_OF_THE_WAY = 0.1
-"""How far a joint that nothing is asked of goes unsaid [rad or m]."""
+"""Motion of a joint that no task depends on above which a result reports the joint [rad or m]."""
 
 
 class SearchBudget(NamedTuple):
-    """How much to search.
+    """Limits of a search.
 
     Attributes:
-        seed: Draws the restarts.
+        seed: Seed of the restarts.
         restarts: Number of restarts after the first start.
-        max_iterations: Steps from each start.
-        deadline: When to stop, on the clock of `working_time` [s].
-        thorough: Whether to search on where what was found touches something; else it is only moved clear.
-        closest: Whether to search for the closest configuration where the tasks are not met.
+        max_iterations: Maximum number of steps from each start.
+        deadline: Time at which to stop, on the clock of `working_time` [s].
+        thorough: Whether to continue the search if a solution collides; otherwise it is only moved clear.
+        closest: Whether to search for the closest configuration if the tasks are not met.
     """
 
     seed: int
@@ -48,14 +49,14 @@ class SearchBudget(NamedTuple):
 class TaskProblem(FrozenArrays):
     """min over q of F(q) = (sum_i s_i^2 |r_i(q)|^2 + eps^2 |q - q_ref|^2) / 2, lower <= q <= upper.
 
-    The strength s_i is a task's weight, and HARD_WEIGHT times it where the task is hard.  Joints that may not
+    The strength s_i is a task's weight, times HARD_WEIGHT for a hard task.  Joints that may not
     move have `lower == upper`.
 
     Attributes:
         pepper: The robot.
-        tasks: The tasks, groups taken apart.
-        q0: Where the search starts, and what locked joints keep [rad or m], shape (n,).
-        movable: Which joints may move, shape (n,).
+        tasks: The tasks, groups split into their parts.
+        q0: Start of the search, and positions of joints that may not move [rad or m], shape (n,).
+        movable: Whether each joint may move, shape (n,).
         lower: Lower bounds [rad or m], shape (n,).
         upper: Upper bounds [rad or m], shape (n,).
     """
@@ -77,7 +78,7 @@ class TaskProblem(FrozenArrays):
         return [task.residual(self.pepper, q) for task in self.tasks]
 
     def stack(self, residuals: Sequence[Array]) -> Array:
-        """Return all residuals, shape (m_i,) each, times their strengths as one vector, shape (m,)."""
+        """Return all residuals, shape (m_i,) each, times their strengths, as one vector, shape (m,)."""
         return np.concatenate([t.strength * r for t, r in zip(self.tasks, residuals, strict=True)])
 
     def jacobian(self, q: Array) -> Array:
@@ -85,7 +86,7 @@ class TaskProblem(FrozenArrays):
         return np.concatenate([task.strength * task.jacobian(self.pepper, q) for task in self.tasks])
 
     def task_cost(self, residuals: Sequence[Array]) -> float:
-        """Return F without the posture term, of the residual of each task, shape (m_i,)."""
+        """Return F without the posture term from the residual of each task, shape (m_i,)."""
         return 0.5 * sum(t.strength**2 * float(r @ r) for t, r in zip(self.tasks, residuals, strict=True))
 
     def cost(self, q: Array, residuals: Sequence[Array], reference: Array) -> float:
@@ -104,13 +105,13 @@ class TaskProblem(FrozenArrays):
 
         Args:
             residuals: Residual of each task, shape (m_i,).
-            fraction: Share of each tolerance that is allowed.
+            fraction: Allowed fraction of each tolerance.
         """
         pairs = zip(self.tasks, residuals, strict=True)
         return all(task.size(residual) <= fraction * task.tolerance for task, residual in pairs)
 
     def is_close(self, residuals: Sequence[Array]) -> bool:
-        """Return whether the search may end: all tasks are well met and none is a mere preference.
+        """Return whether the search may end: all tasks are well met and have a finite tolerance.
 
         Args:
             residuals: Residual of each task, shape (m_i,).
@@ -122,7 +123,7 @@ class TaskProblem(FrozenArrays):
         return np.clip(q, self.lower, self.upper)
 
     def without_limits(self) -> TaskProblem:
-        """Return the problem with bounds only on the joints that may not move."""
+        """Return a problem with bounds only on the joints that may not move."""
         lower = np.where(self.movable, -np.inf, self.lower)
         upper = np.where(self.movable, np.inf, self.upper)
         return replace(self, lower=read_only(lower), upper=read_only(upper))
@@ -131,14 +132,14 @@ class TaskProblem(FrozenArrays):
 def make_problem(
     pepper: PepperModel, tasks: Sequence[Task], q0: Array, movable: np.ndarray, keep_idle: bool
 ) -> TaskProblem:
-    """Build the problem of checked tasks and a checked start.
+    """Build a problem from checked tasks and a checked start.
 
     Args:
         pepper: The robot.
         tasks: The tasks.
-        q0: The start, within the limits, shape (n,).
-        movable: The joints that the caller lets move, shape (n,).
-        keep_idle: Whether joints that no task depends on keep still.
+        q0: Start within the limits, shape (n,) [rad or m].
+        movable: Whether the caller lets each joint move, shape (n,).
+        keep_idle: Whether joints that no task depends on may not move.
 
     Returns:
         The problem.
@@ -156,10 +157,10 @@ def make_problem(
 
 
 def joints_used(pepper: PepperModel, tasks: Iterable[Task]) -> np.ndarray:
-    """Return which joints move any task's residual, shape (n,).
+    """Return whether any task's residual depends on each joint, shape (n,).
 
-    A joint without influence has a zero column at every q; at two generic configurations no column that is
-    not always zero vanishes.
+    The Jacobian's column of a joint without influence is zero at every q; at two generic configurations no
+    other column vanishes.
     """
     used = np.zeros(pepper.n, dtype=bool)
     for q in generic_configurations(pepper):
@@ -169,25 +170,25 @@ def joints_used(pepper: PepperModel, tasks: Iterable[Task]) -> np.ndarray:
 
 
 def moved_aside(pepper: PepperModel, idle: np.ndarray, way: Array) -> tuple[str, ...]:
-    """Return which idle joints go farther than `OUT_OF_THE_WAY`, in words: "HeadYaw by 0.12 rad".
+    """Return the idle joints that move farther than `OUT_OF_THE_WAY`, in words: "HeadYaw by 0.12 rad".
 
     Args:
         pepper: The robot.
-        idle: Which joints nothing is asked of, shape (n,).
-        way: How far each joint goes [rad or m], shape (n,).
+        idle: Whether no task depends on each joint, shape (n,).
+        way: Distance that each joint moves [rad or m], shape (n,).
     """
     far = np.flatnonzero(idle & (way > OUT_OF_THE_WAY))
     return tuple(f"{pepper.joint_names[j]} by {way[j]:.2f} {pepper.joint_units[j]}" for j in far)
 
 
 def motion_scale(pepper: PepperModel, q: Array) -> Array:
-    """Return d_i = sqrt(M_ii / median M_ii), between 1/2 and 4: joints that carry much move less.
+    """Return d_i = sqrt(M_ii / median M_ii), between 1/2 and 4: joints that carry more mass move less.
 
-    sum_i M_ii dq_i^2 is the kinetic energy of the step, cross terms left out.
+    sum_i M_ii dq_i^2 is twice the kinetic energy of a unit-time step, without cross terms.
 
     Args:
         pepper: The robot.
-        q: Where the mass matrix M is evaluated [rad or m], shape (n,).
+        q: Joint positions at which the mass matrix M is evaluated [rad or m], shape (n,).
 
     Returns:
         d, shape (n,).
@@ -213,7 +214,7 @@ def flatten_tasks(
         batch: Whether a task may have N targets.
 
     Raises:
-        InvalidValueError: for no task at all, or something that is none.
+        InvalidValueError: for no task, or anything that is not a task.
         UnknownNameError: for a frame or joint that the robot lacks.
     """
     items = tasks
@@ -250,16 +251,16 @@ def _kind_of(items: Hashable) -> type | None:
 def movable_joints(
     pepper: PepperModel, joints: str | Iterable[str] | None, *, allow_none: bool = False
 ) -> np.ndarray:
-    """Return which joints may move, shape (n,).
+    """Return whether each joint may move, shape (n,).
 
     Args:
         pepper: The robot.
-        joints: Joints and groups, see `PepperModel.resolve_joints`.
-        allow_none: Whether no joint at all may be left.
+        joints: Names of joints and groups, see `PepperModel.resolve_joints`.
+        allow_none: Whether an empty selection is allowed.
 
     Raises:
         UnknownNameError: for an unknown group or joint.
-        InvalidValueError: where no joint is left.
+        InvalidValueError: for an empty selection.
     """
     movable = np.zeros(pepper.n, dtype=bool)
     names = pepper.resolve_joints(joints, allow_none=allow_none)

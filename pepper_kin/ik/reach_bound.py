@@ -1,4 +1,4 @@
-"""Proof that a point is beyond reach, by the lengths of the links and by the limits of the joints."""
+"""Proof that a point is out of reach, by the lengths of the links and by the limits of the joints."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from pepper_kin.model.dynamics_model import working_memory
 from pepper_kin.model.moving_tree import moving_tree
 
 ROUNDING = 1e-9
-"""Allowed for rounding [m]."""
+"""Tolerance for rounding [m]."""
 
 
 def why_beyond_reach(problem: TaskProblem) -> str:
-    """Say which position task no posture can meet, limits or not, and how much is missing at least.
+    """Return the position task that no posture can meet, even without limits, and its least error, in words.
 
     Args:
-        problem: The problem; joints that may not move stand as in its q0.
+        problem: The problem; joints that may not move have the positions of its q0.
 
     Returns:
-        One clause; empty where nothing is proven.
+        One clause; empty without a proof.
     """
     worst, words = 0.0, ""
     for task in problem.tasks:
@@ -43,9 +43,9 @@ def why_beyond_reach(problem: TaskProblem) -> str:
 def least_shortfall(problem: TaskProblem, task: FramePosition) -> float:
     """Return a lower bound on the distance between a frame and its target, over all postures [m].
 
-    A frame behind revolute joints stays within a ball: about the first of them that moves, with the sum of
-    the lengths from joint to joint and on to the frame as radius (the triangle inequality).  Where a joint
-    that slides may move the bound is 0.
+    A frame behind revolute joints stays within a sphere about the first moving one, whose radius is the sum
+    of the lengths from joint to joint and to the frame (triangle inequality). If a prismatic joint may move,
+    the bound is 0.
     """
     import pinocchio
 
@@ -68,7 +68,7 @@ def least_shortfall(problem: TaskProblem, task: FramePosition) -> float:
 
 
 def _may_move(problem: TaskProblem, joint: str) -> bool:
-    """Whether a joint of Pinocchio's may move; those that follow others, as fingers do, count as free."""
+    """Whether a joint of Pinocchio's model may move; following joints, such as fingers, count as free."""
     names = problem.pepper.joint_names
     return joint not in names or bool(problem.movable[names.index(joint)])
 
@@ -76,26 +76,26 @@ def _may_move(problem: TaskProblem, joint: str) -> bool:
 def shortfalls(
     pepper: PepperModel, tasks: Sequence[Task], starts: Array, movable: np.ndarray | None
 ) -> Array:
-    """Return lower bounds on how far frames stay from their targets, over all postures within the limits [m].
+    """Return lower bounds of frames' distances from their targets over all postures within the limits [m].
 
-    They are distances to planes that what a frame reaches lies behind, see
-    `pepper_kin.core.inverse_kinematics.reach_hull`: distances to the convex hull of these points, except for
-    millimeters, and 0 within it.
+    A bound is the target's distance beyond supporting planes of the points that the frame reaches, see
+    `pepper_kin.core.inverse_kinematics.reach_hull`: the distance to their convex hull within millimeters, and
+    0 inside it.
 
     Args:
         pepper: The robot.
-        tasks: The tasks, with one target or N; those on positions count.
-        starts: Where joints that may not move stay [rad or m], shape (N, n).
+        tasks: Tasks with one target or N; position tasks count.
+        starts: Joint positions that joints which may not move keep [rad or m], shape (N, n).
         movable: Joints that may move, shape (n,); None for all.
 
     Returns:
-        Shape (N, tasks), 0 where nothing is proven.
+        Bounds, shape (N, tasks), 0 without a proof.
     """
     found = np.zeros((len(starts), len(tasks)))
     if not len(starts):
         return found
     rest = resting_of(pepper, starts, movable)
-    if rest is None:  # every row would need another hull
+    if rest is None:  # each row would need its own hull
         return found
     for k, task in enumerate(tasks):
         if isinstance(task, FramePosition) and math.isfinite(task.tolerance):
@@ -111,20 +111,20 @@ def shortfalls(
 def _hull(
     pepper: PepperModel, frame: str, moves: tuple[bool, ...], resting: tuple[float, ...]
 ) -> Array | None:
-    """Return the support function of the points that a frame reaches; None where there is no bound.
+    """Return the support function of the points that a frame reaches; None for an unbounded set.
 
-    Joints that follow others count as free within the positions that they can be led to.
+    Following joints count as free within the range of positions to which their leaders can move them.
 
     Args:
         pepper: The robot.
         frame: Name of the frame.
-        moves: Which joints may move.
-        resting: Positions of the others [rad or m].
+        moves: Whether each joint may move, n values.
+        resting: Positions of the joints that may not move [rad or m], n values.
     """
     tree, free = moving_tree(pepper), np.array(moves)
     least = np.where(free, pepper.lower_limits, resting)
     most = np.where(free, pepper.upper_limits, resting)
-    with np.errstate(invalid="ignore"):  # 0 times infinity: joints that do not lead
+    with np.errstate(invalid="ignore"):  # 0 times infinity, for joints that are not the leader
         ends = np.nan_to_num(pepper.full_map[:, :, None] * np.stack([least, most], axis=1), nan=0.0)
     ranges = pepper.full_offset[:, None] + np.sort(ends, axis=2).sum(axis=1)
     point = np.ascontiguousarray(tree.frame_poses[frame][:3, 3])

@@ -1,4 +1,4 @@
-"""The answer of an inverse kinematics call, with its certificate."""
+"""Result of an inverse-kinematics call, with its certificate."""
 
 from __future__ import annotations
 
@@ -46,25 +46,25 @@ CONFLICT_ADVICE = (
     "Each of the tasks that are named can be met, but not all together: leave one out, bring their targets "
     "together, widen a tolerance, or say by `hard` or weights which counts most."
 )
-"""Of results with a `conflict`."""
+"""Advice of results with a `conflict`."""
 
 NOT_EXAMINED = "collisions were not examined"
-"""Line of the reports of what was asked for with ``collisions=False``."""
+"""Line in the reports of calls with `collisions=False`."""
 
 
 @dataclass(frozen=True)
 class TaskError:
-    """How well one task was met, recomputed from q.
+    """Error of one task, recomputed from q.
 
     Attributes:
-        label: What the task moves.
-        frame: Its frame, None for a posture.
-        value: The error [unit].
-        tolerance: The largest error allowed [unit].
-        unit: "m" or "rad".
-        shortfall: The error in words, with the target.
-        attained: What is reached instead, in words.
-        name: The task in words, such as "orientation of left hand"; the label where left empty.
+        label: Part that the task moves.
+        frame: Frame of the task; None for a posture.
+        value: Error [unit].
+        tolerance: Maximum allowed error [unit].
+        unit: Unit of the error, such as "m" or "rad".
+        shortfall: Error in words, with the target.
+        attained: Reached value in words.
+        name: Task in words, such as "orientation of left hand"; if empty, the label is used.
         hard: Whether the task is hard.
     """
 
@@ -86,12 +86,12 @@ class TaskError:
 
 @dataclass(frozen=True)
 class TorqueUse:
-    """The joint that gravity asks most of.
+    """Joint with the largest ratio of gravity torque to effort limit.
 
     Attributes:
-        joint: Its name.
+        joint: Name of the joint.
         ratio: |gravity torque| / effort limit; above 1 the robot cannot hold the posture.
-        allowed: Greatest ratio that motions leave for holding still; see `MotionRequirements`.
+        allowed: Maximum ratio that motions leave for holding still; see `MotionRequirements`.
     """
 
     joint: str
@@ -101,7 +101,7 @@ class TorqueUse:
 
 @dataclass(frozen=True)
 class IKCertificate:
-    """What holds at q, computed from the problem and q alone; the attributes are those of `IKResult`."""
+    """Properties of q, computed from the problem and q alone; `IKResult` describes the attributes."""
 
     errors: tuple[TaskError, ...]
     active_limits: tuple[str, ...]
@@ -117,13 +117,13 @@ class IKCertificate:
 
 
 class SearchResult(NamedTuple):
-    """How a search ended, before anything is certified.
+    """Result of a search before certification.
 
     Attributes:
         q: Joint positions within the limits [rad or m], shape (n,), read-only.
-        status: How it ended.
-        iterations: Steps over all starts.
-        restarts: Starts used after the first.
+        status: Status of the search.
+        iterations: Number of steps over all starts.
+        restarts: Number of starts used after the first.
     """
 
     q: Array
@@ -134,23 +134,23 @@ class SearchResult(NamedTuple):
 
 @dataclass(frozen=True, eq=False, init=False)
 class IKResult(FrozenArrays):
-    """The best configuration found and a certificate recomputed from it, never the solver's word.
+    """Best configuration found, with a certificate recomputed from it instead of the solver's own values.
 
-    The certificate is computed when something of it is first asked for, and kept.
+    The certificate is computed at its first use and cached.
 
     Attributes:
-        status: How the call ended.
+        status: Status of the call.
         q: Joint positions within all limits [rad or m], shape (n,), read-only.
-        iterations: Steps over all starts.
-        restarts: Starts used after the first.
+        iterations: Number of steps over all starts.
+        restarts: Number of starts used after the first.
         time: Wall-clock time of the call, without the loading or compiling of code [s].
         solver: Name of the solver.
         seed: Seed of the restarts.
-        evidence: Computes the certificate.
-        hint: What else was found out, such as that more joints would help or, where time ran out, that the
-            target is beyond reach whatever the posture; may be empty.
-        conflict: Names of tasks of which each can be met alone, any fewer together too, but not all of them
-            together; empty where that is not the reason.
+        evidence: Function that computes the certificate.
+        hint: Further findings, such as that more joints would help or, after a timeout, that the target is
+            proven out of reach; may be empty.
+        conflict: Names of tasks that cannot be met all together, although any fewer of them can; empty if
+            that is not the reason.
     """
 
     status: IKStatus
@@ -178,7 +178,8 @@ class IKResult(FrozenArrays):
         hint: str = "",
         conflict: tuple[str, ...] = (),
     ) -> None:
-        # At once, as the generated way of a frozen class, one attribute after the other, takes a microsecond.
+        # One update: the generated constructor of a frozen class, attribute by attribute, takes a
+        # microsecond.
         self.__dict__.update(
             status=status, q=q, iterations=iterations, restarts=restarts, time=time, solver=solver, seed=seed,
             evidence=evidence, hint=hint, conflict=conflict,
@@ -186,10 +187,10 @@ class IKResult(FrozenArrays):
 
     @cached_property
     def certificate(self) -> IKCertificate:
-        """What holds at q, recomputed from the tasks, the robot and the scene.
+        """Certificate of q, recomputed from the tasks, the robot and the scene.
 
         Raises:
-            ModelError: where the status is better than the errors: the search saw another robot.
+            ModelError: if the status is better than the errors: the search used another robot model.
         """
         certificate = self.evidence()
         worse = [error for error in certificate.errors if not error.met]
@@ -204,46 +205,46 @@ class IKResult(FrozenArrays):
 
     @property
     def proof(self) -> str:
-        """What is proven of unmet tasks: how near a frame comes at best; empty where nothing is."""
+        """Proof in words of how near a frame comes to its target at best; empty without a proof."""
         return self.certificate.proof
 
     @property
     def errors(self) -> tuple[TaskError, ...]:
-        """Of each task, groups taken apart."""
+        """Error of each task, groups split into their parts."""
         return self.certificate.errors
 
     @property
     def active_limits(self) -> tuple[str, ...]:
-        """Names of the joints that may move and are at a limit."""
+        """Names of the movable joints that are at a limit."""
         return self.certificate.active_limits
 
     @property
     def blocking_limits(self) -> tuple[str, ...]:
-        """Those of the active limits that the unmet tasks push against."""
+        """Names of the joints at a limit against which unmet tasks push."""
         return self.certificate.blocking_limits
 
     @property
     def clearance(self) -> Clearance | None:
-        """Distances to obstacles and to itself [m]; None with `collisions=False`."""
+        """Distances to obstacles and between the robot's links [m]; None with `collisions=False`."""
         return self.certificate.clearance
 
     @property
     def in_collision(self) -> bool | None:
-        """Whether q touches itself or the scene; None with `collisions=False`."""
+        """Whether the robot touches itself or the scene at q; None with `collisions=False`."""
         return self.certificate.in_collision
 
     @property
     def balance(self) -> float | None:
-        """Distance of the center of mass from the edges of the wheels' triangle [m]; None where not asked."""
+        """Distance of the center of mass from the edges of the wheels' triangle [m]; None if not required."""
         return self.certificate.balance
 
     @property
     def torque_use(self) -> TorqueUse:
-        """The joint that gravity asks most of."""
+        """Joint with the largest ratio of gravity torque to effort limit."""
         return self.certificate.torque_use
 
     def __getstate__(self) -> dict[str, Any]:
-        """Travel with the certificate instead of the means to compute it."""
+        """Return the state with the certificate instead of the function that computes it."""
         certificate = self.certificate
         return {**self.__dict__, "certificate": certificate, "evidence": None}
 
@@ -254,12 +255,12 @@ class IKResult(FrozenArrays):
 
     @property
     def hard_met(self) -> bool:
-        """Whether every hard task is met; True where none is hard."""
+        """Whether every hard task is met; True without hard tasks."""
         return all(error.met for error in self.errors if error.hard)
 
     @property
     def met(self) -> tuple[str, ...]:
-        """Names of the tasks that are met, such as "position of left hand", groups taken apart."""
+        """Names of the tasks that are met, such as "position of left hand", groups split into their parts."""
         return tuple(error.name or error.label for error in self.errors if error.met)
 
     @property
@@ -269,7 +270,7 @@ class IKResult(FrozenArrays):
 
     @property
     def advice(self) -> str:
-        """What to do next, in a sentence; or in two, where hard tasks are met and others are not."""
+        """Advice on what to do next, in one sentence; two if only hard tasks are met."""
         if self._is_proven_out_of_reach:
             return f"Time ran out, but more of it would not help.  {IKStatus.CLOSEST_UNREACHABLE.advice}"
         advice = CONFLICT_ADVICE if self._is_contradictory else self.status.advice
@@ -321,6 +322,7 @@ class IKResult(FrozenArrays):
         return "\n".join(lines)
 
     def _headline(self) -> str:
+        """Return the first line of the report."""
         words = {
             IKStatus.SOLVED: "solved: every task is met",
             IKStatus.CLOSEST_UNREACHABLE: "not reached: beyond reach; this is the closest found",
@@ -339,6 +341,7 @@ class IKResult(FrozenArrays):
         return words.replace("not reached", "not reached, not even every hard task")
 
     def _line(self, error: TaskError) -> str:
+        """Return the line of a task: its error and the reached value, with blocking limits if it is unmet."""
         if error.met:
             hard = " (hard)" if error.hard else ""
             return f"{error.label}{hard}: error {words_for(error.value, error.unit)}, {error.attained}"
@@ -348,7 +351,7 @@ class IKResult(FrozenArrays):
         return f"{error.shortfall}{blocked}; comes to {error.attained}"
 
     def _extent(self) -> list[str]:
-        """Return what is proven, and what was only searched for."""
+        """Return lines on what is proven and what was only searched."""
         proven = (
             [f"proven by the lengths of the links: {self.proof}."]
             if self.proof not in ("", self.hint)
@@ -358,6 +361,7 @@ class IKResult(FrozenArrays):
         return [*proven, f"this is the best of {starts}: that there is no closer one is not proven."]
 
     def _torque(self) -> str:
+        """Return the line on the joint with the largest ratio of gravity torque to effort limit."""
         use = self.torque_use
         line = f"gravity uses at most {100 * use.ratio:.0f} % of a motor's torque ({use.joint})"
         if use.ratio <= use.allowed:
@@ -367,6 +371,7 @@ class IKResult(FrozenArrays):
         return f"{line}: motions leave {100 * use.allowed:.3g} % for holding still"
 
     def _standing(self, inside: float) -> str:
+        """Return the line on a center of mass without the required balance."""
         where = f"{words_for(abs(inside), 'm')} {'inside' if inside >= 0 else 'outside'} the wheels' triangle"
         what = "less than motions keep" if inside >= 0 else "it would tip over"
         sought = ", and no other posture was found" if self.success else ""
@@ -374,5 +379,5 @@ class IKResult(FrozenArrays):
 
 
 def listed(names: tuple[str, ...]) -> str:
-    """Return names as a sentence has them: "a, b and c"."""
+    """Return names joined for a sentence: "a, b and c"."""
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

@@ -1,4 +1,4 @@
-"""Several solutions of one problem: tasks of a hand leave joints to choose, and a planner likes a choice."""
+"""Several solutions of one problem, such as alternative goals of a planner."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ if TYPE_CHECKING:
     from pepper_kin.collision import Scene
 
 APART = 0.1
-"""Solutions that differ by less than this in every joint count as one [rad or m]."""
+"""Minimum difference of two solutions in at least one joint [rad or m]."""
 
 CHUNK = 8
 MOST_STARTS = 1_000_000
-"""So many configurations are checked in one call: as many as cost little where the first of them is free."""
+"""Maximum number of starts; `CHUNK` is the number of configurations checked for collision in one call."""
 
 
 def solutions(
@@ -52,32 +52,33 @@ def solutions(
 ) -> Array:
     """Return different joint positions that fulfill tasks: those that can be held first, nearest first.
 
-    Found by the fast solver from places that lie ever farther from the start.  Solutions that touch
-    something are moved clear, where a descent can.  The same arguments give the same
-    solutions.  For the best one and, where there is none, the reason, ask `solve`.
+    The fast solver searches from configurations ever farther from the start. Solutions in collision are moved
+    clear if a descent succeeds. The same arguments give the same solutions. For the best solution, or the
+    reason of a failure, call `solve`.
 
     Args:
         pepper: The robot.
-        tasks: What to fulfill.
-        start: Where to stay near [rad or m], shape (n,); `pepper.neutral()` if None.
-        count: Largest number of solutions.
-        scene: What stands around the robot, which keeps clear of itself in any case; None for nothing.
-        collisions: Whether collisions are examined; False leaves them out.
-        margin: Distance to the scene that is kept [m].
-        balance: As of `solve`: those that keep it come first.
-        payload: As of `solve` [kg].
-        seed: Draws the starts.
-        joints: Joints that may move, by names of joints and groups; the others keep their place.
+        tasks: Tasks to fulfill.
+        start: Joint positions to which solutions are near [rad or m], shape (n,); `pepper.neutral()` if None.
+        count: Maximum number of solutions.
+        scene: Obstacles around the robot; None for none. Self-collision is checked with or without a scene.
+        collisions: Whether collisions are checked.
+        margin: Minimum distance to the scene [m].
+        balance: Minimum distance of the center of mass from the edges of the wheels' triangle [m], see
+            `solve`: solutions that keep it come first.
+        payload: Point masses at "left", "right" or a frame by name [kg], see `solve`.
+        seed: Seed of the starts.
+        joints: Joints that may move, by names of joints and groups; the others keep their positions.
             None for all.
         starts: Number of starts.
-        max_iterations: Steps from each start.
+        max_iterations: Maximum number of steps from each start.
 
     Returns:
         Joint positions [rad or m], shape (m, n) with m <= count, read-only; any two differ by 0.1 or more in
-        some joint.  No rows where nothing was found.
+        some joint. No rows without a solution.
 
     Raises:
-        InvalidValueError: for no task, or numbers that are none, NaN or infinite.
+        InvalidValueError: for no task, or numbers that are malformed, NaN or infinite.
         UnknownNameError: for a frame, joint or group that the robot lacks.
         LimitError: for a start outside the joint limits.
     """
@@ -103,7 +104,7 @@ def solutions(
 
 
 def _clear_ones(solutions: list[Array], collisions: Collisions, balance: float | None) -> Iterator[Array]:
-    """Yield the solutions, shape (n,) [rad or m], that touch nothing, first those that can be held."""
+    """Yield the collision-free solutions, shape (n,) [rad or m], first those that can be held."""
     if not solutions:
         return
     q = np.array(solutions)

@@ -1,4 +1,4 @@
-"""The one call: tasks in, the best configuration and its certificate out."""
+"""Inverse kinematics of one problem: from tasks to the best configuration and its certificate."""
 
 from __future__ import annotations
 
@@ -70,8 +70,8 @@ if TYPE_CHECKING:
     from pepper_kin.collision import Scene
 
 STARTS_AT_REST = 8
-"""Further starts for a posture that is kept at rest: of 122 of 1,000 drawn solutions, 71 are kept with 8, 72
-with 32, in twice the time."""
+"""Maximum number of further starts for a posture that the robot can hold at rest: of 122 among 1,000 random
+solutions that it cannot hold, 71 are replaced with 8 starts, 72 with 32 in twice the time."""
 
 _neutrals: WeakKeyDictionary[PepperModel, Array] = WeakKeyDictionary()
 
@@ -96,41 +96,40 @@ def solve(
     """Find joint positions that fulfill tasks, or come closest.
 
     Minimizes sum_i s_i^2 |r_i(q)|^2 within the joint limits by damped Gauss-Newton steps, each the solution
-    of a quadratic program, first from `start` and then from further ones; see `TaskProblem`.  Of several
-    solutions it prefers one that touches nothing, that the motors can hold, on which the robot stands, and
-    that is near the start.
-    Where not all tasks can be met, hard ones come first, then positions before their orientations; see
-    `priorities`.  Weights are compared with one another only, and say what counts more where tasks compete;
-    what is reached does not depend on them.  The same arguments give the same result, unless a timeout cuts
-    in.
+    of a quadratic program, first from `start` and then from further starts; see `TaskProblem`. Among several
+    solutions it prefers one that is free of collisions, that the motors can hold, in which the robot is in
+    balance, and that is near the start. If not all tasks can be met, hard ones have priority, then positions
+    over their orientations; see `priorities`. Only ratios of weights matter: they say which task counts more
+    where tasks compete, and do not decide whether all can be met. The same arguments give the same result,
+    unless the timeout is reached.
 
     Args:
         pepper: The robot.
-        tasks: What to fulfill, such as `HandPosition` and `LookAt`.
-        start: Where to begin and what to stay near [rad or m], shape (n,); `pepper.neutral()` if None.
-        solver: "fast", "placo" or "proxsuite"; "robot" as its `solvers` say, which are "fast" by default.
-        scene: What stands around the robot, which keeps clear of itself in any case; None for nothing.  The
-            mass of attached objects counts for what motors hold, and for the center of mass.
-        collisions: Whether collisions are examined; False leaves them out, and the result says so.
-        margin: Distance to the scene that is kept [m]; to itself the robot keeps none.
-        balance: Distance that the center of mass is to keep from the edges of the wheels' triangle [m], and
-            `ROOM_TO_MOVE` more, as of `plan`; "robot" for that of `pepper.requirements`; None leaves it out.
-            Where no such posture is found, another is returned, and the report says so.
-        payload: Point masses held at "left", "right" or a frame by name [kg], besides attached objects, as in
-            `plan`.
-        seed: Draws the restarts.
+        tasks: Tasks to fulfill, such as `HandPosition` and `LookAt`.
+        start: Joint positions where the search begins and to which the solution is near [rad or m], shape
+            (n,); `pepper.neutral()` if None.
+        solver: "fast", "placo" or "proxsuite"; "robot" for the robot's `solvers`, "fast" by default.
+        scene: Obstacles around the robot; None for none. Self-collision is checked with or without a scene.
+            The masses of attached objects count for holding torques and the center of mass.
+        collisions: Whether collisions are checked; the result says if they are not.
+        margin: Minimum distance to the scene [m]; between the robot's links none is kept.
+        balance: Minimum distance of the center of mass from the edges of the wheels' triangle [m], to which
+            `ROOM_TO_MOVE` is added, as in `plan`; "robot" for the balance of `pepper.requirements`; None for
+            no balance constraint. If no such posture is found, another is returned, and the report says so.
+        payload: Point masses at "left", "right" or a frame by name [kg], in addition to attached objects.
+        seed: Seed of the restarts.
         joints: Joints that may move, by names of joints and groups, such as `["right_arm", "head"]`; the
-            others keep their place. None for all.
-        max_iterations: Steps from each start.
-        restarts: Further starts, used only as long as there is something to gain.  "fast" may use more
-            of them for a solution that touches nothing.
-        timeout: Time after which to stop [s]; None for none.
+            others keep their positions. None for all.
+        max_iterations: Maximum number of steps from each start.
+        restarts: Maximum number of further starts, which are used only while they can improve the result.
+            "fast" may use more of them for a collision-free solution.
+        timeout: Maximum duration of the search [s]; None for no limit.
 
     Returns:
-        The result; `result.status` says whether the tasks are met and, if not, what is in the way.
+        The result; `result.status` says whether the tasks are met and, if not, why.
 
     Raises:
-        InvalidValueError: for no task, an unknown solver, or numbers that are none, NaN or infinite.
+        InvalidValueError: for no task, an unknown solver, or numbers that are malformed, NaN or infinite.
         UnknownNameError: for a frame, joint or group that the robot lacks.
         LimitError: for a start outside the joint limits.
         MissingDependencyError: for "proxsuite" where its library cannot be loaded.
@@ -144,7 +143,7 @@ def solve(
     q0 = q0 - turns
     tasks_to_solve = balanced(parts)
     if solver == "fast":
-        load_search(pepper, tasks_to_solve, around)  # or compile it: that is not solving
+        load_search(pepper, tasks_to_solve, around)  # loading or compiling does not count as solving time
     begin = working_time()
     movable = None if joints is None else movable_joints(pepper, joints)
     budget = _checked_budget(seed, restarts, max_iterations, timeout, begin)
@@ -176,9 +175,9 @@ def solve(
 
 
 def load_search(pepper: PepperModel, parts: Sequence[Task], around: Collisions) -> None:
-    """Load what the fast solver runs, and prepare the robot and the scene, before the clock starts."""
+    """Load or compile the fast solver's code and prepare the scene, before the search is timed."""
     ready = compiled_tasks(pepper, parts)
-    if ready.spare:  # they were searched for before
+    if ready.spare:  # an earlier search has loaded all code
         return
     buffers = ready.buffers()
     around.tests(buffers.signals)
@@ -187,7 +186,7 @@ def load_search(pepper: PepperModel, parts: Sequence[Task], around: Collisions) 
 
 
 def _with_idle_held(request: Request, solver: str) -> Request:
-    """Return the request in which joints that none of its tasks depends on keep still."""
+    """Return the request with joints that none of its tasks depends on fixed."""
     if solver == "fast":
         used = np.zeros(request.pepper.n, bool)
         used[compiled_tasks(request.pepper, request.tasks).index] = True
@@ -198,7 +197,7 @@ def _with_idle_held(request: Request, solver: str) -> Request:
 
 
 def with_idle_at_rest(request: Request, solver: str, found: SearchResult) -> SearchResult:
-    """Return a solution in which joints that no task depends on rest, in place of one that moved them far."""
+    """Return a solution with idle joints fixed, if the given one moves them far and another is found."""
     held = _with_idle_held(request, solver)
     if not ((np.abs(found.q - request.q0) > OUT_OF_THE_WAY) & ~held.movable).any():  # type: ignore[operator]
         return found
@@ -206,7 +205,7 @@ def with_idle_at_rest(request: Request, solver: str, found: SearchResult) -> Sea
 
 
 def _after(found: SearchResult, other: SearchResult) -> SearchResult:
-    """Return the other result where it is solved, else the first, with the steps of both."""
+    """Return the other result if it is solved, else the first, with the steps of both."""
     met = other if other.status is IKStatus.SOLVED else found
     return met._replace(
         iterations=found.iterations + other.iterations, restarts=found.restarts + other.restarts
@@ -214,21 +213,21 @@ def _after(found: SearchResult, other: SearchResult) -> SearchResult:
 
 
 def at_rest(request: Request, solver: str, found: SearchResult, balance: float | None) -> SearchResult:
-    """Return a solution that the robot keeps at rest in place of one that it does not, if one is found.
+    """Return a solution that the robot can hold at rest instead of one that it cannot, if one is found.
 
-    Where none is both held by the motors and in balance, one that is in balance will do.
+    If none is both held by the motors and in balance, one in balance is returned if found.
 
     Args:
-        request: What was asked for.
-        solver: The solver.
-        found: What was found.
+        request: The checked request.
+        solver: Name of the solver.
+        found: The solution found so far.
         balance: Distance to keep from the edges of the wheels' triangle [m]; None for none.
     """
     pepper, loads = request.pepper, request.collisions.loads
     wanted = tasks_at_rest(pepper, balance, loads)
     upright = [task for task in wanted if not isinstance(task, HoldingTorque)]
     choices = []
-    if len(wanted) > len(upright) and holds(pepper, request.q0, loads):  # else motors may always be too weak
+    if len(wanted) > len(upright) and holds(pepper, request.q0, loads):  # else maybe no posture can be held
         choices.append(wanted)
     if upright and not stands(pepper, found.q, float(balance or 0.0), loads):
         choices.append(upright)
@@ -248,15 +247,15 @@ def at_rest(request: Request, solver: str, found: SearchResult, balance: float |
 
 
 class Request(NamedTuple):
-    """What `solve` was asked for, checked.
+    """Checked arguments of `solve`.
 
     Attributes:
         pepper: The robot.
-        tasks: The tasks, groups taken apart, their weights balanced.
-        q0: The start, within the limits, shape (n,).
+        tasks: The tasks, groups split into their parts, with balanced weights.
+        q0: Start within the limits, shape (n,) [rad or m].
         movable: Joints that may move, shape (n,); None for all.
-        collisions: What may not touch.
-        budget: How much the search may spend.
+        collisions: Collision checks.
+        budget: Limits of the search.
     """
 
     pepper: PepperModel
@@ -277,7 +276,7 @@ class Request(NamedTuple):
 
 
 def _search(request: Request, solver: str) -> SearchResult:
-    """Search from the start and further ones."""
+    """Search from the start and further starts."""
     pepper, collisions, budget = request.pepper, request.collisions, request.budget
     if solver == "fast":
         return search_compiled(pepper, request.tasks, request.q0, request.movable, budget, collisions)
@@ -285,18 +284,18 @@ def _search(request: Request, solver: str) -> SearchResult:
 
 
 DONE = (IKStatus.SOLVED, IKStatus.TIMED_OUT)
-"""Statuses after which nothing is searched any more."""
+"""Statuses that end the search."""
 
 PROOFS = (IKStatus.SOLVED, IKStatus.CLOSEST_COLLISION, IKStatus.CLOSEST_LIMITS)
-"""Statuses that a configuration was found for; those that come first say more."""
+"""Statuses shown by a configuration, in order of preference."""
 
 
 def search_on(request: Request, solver: str, found: SearchResult) -> SearchResult:
-    """Return what more is found where a search has not met the tasks.
+    """Return the result of a continued search after one that has not met the tasks.
 
-    First, what comes first is met better.  Then all is tried with equal weights: whether tasks are met
-    together does not depend on their weights.  If they are not, what the weights asked for is kept, and
-    looked for from further starts.
+    First, tasks of priority are met better. Then the search is repeated with equal weights, since whether
+    tasks can be met together does not depend on weights. If they are still not met, the result with the given
+    weights is kept, and improved from further starts.
     """
     if found.status in DONE:
         return found
@@ -323,7 +322,7 @@ def search_on(request: Request, solver: str, found: SearchResult) -> SearchResul
 
 
 def _closer(request: Request, found: SearchResult) -> SearchResult:
-    """Come closer where weights differ."""
+    """Return a closer configuration for tasks of different weights, from further starts."""
     finite = {task.weight for task in request.tasks if math.isfinite(task.tolerance)}
     if len(finite) < 2 or not request.budget.closest:
         return found
@@ -331,31 +330,32 @@ def _closer(request: Request, found: SearchResult) -> SearchResult:
 
 
 def _in_order(request: Request, solver: str, found: SearchResult) -> SearchResult:
-    """Meet better what comes first."""
+    """Return a result that meets the tasks of priority better."""
     context = SolverContext(solver, request.collisions, request.budget)
     return _moved(request, found, solve_with_priorities(request.problem(), context, found.q))
 
 
 def _moved(request: Request, found: SearchResult, q: Array) -> SearchResult:
-    """Return what was found with another configuration q [rad or m], shape (n,)."""
+    """Return a result with another configuration q [rad or m], shape (n,)."""
     problem = request.problem()
     met = problem.is_met(problem.residuals(q)) and request.collisions.free(q)
     return found._replace(q=read_only(q), status=IKStatus.SOLVED if met else found.status)
 
 
 def reasons(status: IKStatus, request: Request, solver: str) -> tuple[tuple[str, ...], str]:
-    """Return the tasks that exclude one another and the hint of a result, as far as they say why it fails."""
+    """Return the conflicting tasks and the hint that explain a failure; both may be empty."""
     return _conflict(status, request, solver), _hint(status, request, solver)
 
 
 def _conflict(status: IKStatus, request: Request, solver: str) -> tuple[str, ...]:
-    """Return the names of tasks that exclude one another, if that is why tasks are not met."""
+    """Return the names of tasks that contradict each other, if that is the reason of the failure."""
     if status not in (IKStatus.CLOSEST_LIMITS, IKStatus.CLOSEST_UNREACHABLE) or len(request.tasks) < 2:
         return ()
     return what_contradicts(request.problem(), solver, request.budget)
 
 
 def _hint(status: IKStatus, request: Request, solver: str) -> str:
+    """Return a clause that explains a failure; may be empty."""
     if status is IKStatus.TIMED_OUT:
         return why_beyond_reach(request.problem())
     if status is IKStatus.CLOSEST_COLLISION:
@@ -373,6 +373,7 @@ def _hint(status: IKStatus, request: Request, solver: str) -> str:
 def _checked_budget(
     seed: int, restarts: int, max_iterations: int, timeout: float | None, begin: float
 ) -> SearchBudget:
+    """Return the limits of a search from checked arguments; `begin` is its start time [s]."""
     return SearchBudget(
         seed=check_seed(seed),
         restarts=check_whole("restarts", restarts, 0),
@@ -382,7 +383,7 @@ def _checked_budget(
 
 
 def checked_start(pepper: PepperModel, start: ArrayLike | None) -> Array:
-    """Return where to begin, within the limits, shape (n,).
+    """Return the start of a search, within the limits, shape (n,) [rad or m].
 
     Args:
         pepper: The robot.
@@ -404,15 +405,15 @@ def checked_start(pepper: PepperModel, start: ArrayLike | None) -> Array:
 
 
 def turns_left_out(pepper: PepperModel, parts: Sequence[Task], q0: Array) -> Array:
-    """Return full turns of joints that have no limits, without which a search begins [rad], like q0.
+    """Return the full turns of joints without limits to subtract from starts [rad], shape of q0.
 
-    The check for collisions trusts single precision to some turns only.  Tasks that speak of positions of
-    joints themselves count turns: joints of such tasks keep them, and all joints where a task is an
+    The collision check is precise for some turns only, since it uses single precision. Turns count for tasks
+    on joint positions: joints of posture tasks keep their turns, and so do all joints if a task is an
     expression.
 
     Args:
         pepper: The robot.
-        parts: The tasks, groups taken apart.
+        parts: The tasks, groups split into their parts.
         q0: Starts, shape (..., n) [rad or m].
     """
     if np.abs(q0).max(initial=0.0) <= WIDEST / 2 or any(isinstance(task, Expression) for task in parts):
@@ -426,7 +427,7 @@ def turns_left_out(pepper: PepperModel, parts: Sequence[Task], q0: Array) -> Arr
 
 
 def _neutral(pepper: PepperModel) -> Array:
-    """Return the neutral posture, looked up once for each robot."""
+    """Return the neutral posture [rad or m], shape (n,), cached for each robot."""
     found = _neutrals.get(pepper)
     if found is None:
         found = _neutrals[pepper] = read_only(pepper.neutral())
@@ -434,11 +435,11 @@ def _neutral(pepper: PepperModel) -> Array:
 
 
 def checked_scene(scene: Scene | None, collisions: bool, margin: float) -> tuple[Scene | None, float]:
-    """Return the scene that collisions are checked in, None where they are not, and the distance kept [m].
+    """Return the scene of the collision checks, None without checks, and the margin [m].
 
     Raises:
-        InvalidValueError: as `checked_world`, and unless the margin is a finite number of 0 or more, 0 where
-            collisions are left out.
+        InvalidValueError: for anything but a scene, as in `checked_world`, or a margin that is not a finite
+            number of 0 or more, 0 without collision checks.
     """
     world = checked_world(scene, collisions)
     if margin == 0:

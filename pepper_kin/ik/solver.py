@@ -1,4 +1,4 @@
-"""Interfaces of an inverse-kinematics solver, and of one that gives steps."""
+"""Interfaces of an inverse-kinematics solver and of a solver of single steps."""
 
 from __future__ import annotations
 
@@ -13,36 +13,36 @@ from pepper_kin.ik.result import SearchResult
 
 
 class TaskSolver(ABC):
-    """Searches for configurations that fulfill the tasks of one `TaskProblem`."""
+    """Search for configurations that fulfill the tasks of one `TaskProblem`."""
 
     @abstractmethod
     def search(self, collisions: Collisions, budget: SearchBudget) -> SearchResult:
         """Return the outcome of a search from q0 and further starts.
 
         Args:
-            collisions: What may not touch.
-            budget: How much to search.
+            collisions: Collision checks.
+            budget: Limits of the search.
         """
 
     @abstractmethod
     def descend(self, start: Array, collisions: Collisions, budget: SearchBudget, *, clear: bool) -> Array:
-        """Return where a descent from a start ends, shape (n,) [rad or m], within the bounds.
+        """Return the end of a descent from a start, shape (n,) [rad or m], within the bounds.
 
         Args:
             start: Joint positions, shape (n,) [rad or m].
-            collisions: What may not touch.
-            budget: Its steps and deadline count.
+            collisions: Collision checks.
+            budget: Number of steps and deadline.
             clear: Whether to keep clear of collisions; the start has to be free.
         """
 
 
 @dataclass(frozen=True, eq=False)
 class HalfSpaces:
-    """Linear inequalities that a step has to keep: normals dq <= offsets.
+    """Linear inequalities on a step: normals dq <= offsets.
 
     Attributes:
-        normals: Shape (k, n).
-        offsets: Shape (k,).
+        normals: Normals of the half-spaces, shape (k, n).
+        offsets: Right-hand sides, shape (k,).
     """
 
     normals: Array
@@ -50,7 +50,7 @@ class HalfSpaces:
 
 
 class StepSolver(ABC):
-    """Solves the differential quadratic program of one problem, again and again.
+    """Solver of the differential quadratic program of one problem, for repeated steps.
 
     min over dq of |W (J dq + r)|^2 + lambda |diag(d) dq|^2 + eps^2 |q + dq - q_ref|^2
     subject to  lower <= q + dq <= upper,  |dq_i| <= STEP_BOUND,  normals dq <= offsets
@@ -69,10 +69,10 @@ class StepSolver(ABC):
 
         Args:
             q: Joint positions within the bounds [rad or m], shape (n,).
-            residuals: The tasks' residuals at q, shape (m,) each, with m of the task.
+            residuals: Residual of each task at q, shape (m_i,).
             reference: q_ref [rad or m], shape (n,).
             damping: lambda.
-            half_spaces: More inequalities, if any.
+            half_spaces: Further inequalities, or None.
 
         Returns:
             dq [rad or m], shape (n,), zero at joints that may not move; None where the program has no

@@ -20,19 +20,19 @@ from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.requirements import ROOM_TO_MOVE, limited_efforts
 from pepper_kin.model.wheels import BASE_JOINTS
 
-_ROUNDING = 1e-4  # [m]: the task is met to so much
-_SHARE_ROUNDING = 1e-3  # of the share, as well
-_DRAWN, _HEAVY = 64, 0.7  # postures, and the share of what holding may take from which on a joint may lack it
+_ROUNDING = 1e-4  # tolerance of the balance task [m]
+_SHARE_ROUNDING = 1e-3  # tolerance of the torque task, relative to the holding fraction
+_DRAWN, _HEAVY = 64, 0.7  # number of postures, and fraction of the holding torque of a heavy joint
 
 
 def tasks_at_rest(pepper: PepperModel, balance: float | None, loads: Loads) -> list[Task]:
-    """Return tasks that lead to postures which the robot keeps at rest, with what is carried.
+    """Return tasks for postures that the robot can hold at rest with its loads.
 
     Args:
         pepper: The robot.
         balance: Distance from the edges of the wheels' triangle that motions keep [m]; at rest `ROOM_TO_MOVE`
-            is added.  None leaves balance out.
-        loads: What is carried.
+            is added. None for no balance task.
+        loads: Carried objects.
     """
     tasks: list[Task] = []
     if balance is not None:
@@ -47,7 +47,7 @@ def tasks_at_rest(pepper: PepperModel, balance: float | None, loads: Loads) -> l
 
 @kept_for_robot(most=16)
 def _heavy_joints(pepper: PepperModel, loads: Loads) -> tuple[str, ...]:
-    """Return the joints that may lack torque at rest, by postures drawn within the limits."""
+    """Return the joints that may lack torque at rest, from random postures within the limits."""
     low, high = np.maximum(pepper.lower_limits, -np.pi), np.minimum(pepper.upper_limits, np.pi)
     drawn = np.random.default_rng(0).uniform(low, np.maximum(low, high), (_DRAWN, pepper.n))
     most = torque_ratios(pepper, drawn, loads).max(axis=0)
@@ -59,20 +59,20 @@ def rests(pepper: PepperModel, q: Array, balance: float | None, loads: Loads) ->
     """Return whether motions may end at joint positions q, shape (..., n) -> (...).
 
     Args:
-        pepper: The robot, whose wheels are known where it keeps a balance.
+        pepper: The robot; with a balance, its wheels have to be known.
         q: Joint positions [rad or m].
-        balance: As of `tasks_at_rest`.
-        loads: What is carried.
+        balance: Distance from the edges of the wheels' triangle [m]; None for no balance constraint.
+        loads: Carried objects.
     """
     held = holds(pepper, q, loads)
     return held if balance is None else held & stands(pepper, q, balance, loads)
 
 
 def holds(pepper: PepperModel, q: Array, loads: Loads) -> np.ndarray:
-    """Return whether the motors hold joint positions q, shape (..., n) -> (...), with what motions leave."""
+    """Return whether the motors can hold joint positions q, shape (..., n) -> (...), with the reserve."""
     if loads or pepper.solvers != "fast":
         torque = holding_torque(pepper, q, loads)
-    else:  # by the kernel of the search: a first answer does not wait for Pinocchio to load
+    else:  # by the kernel of the search, so that a first answer does not wait for Pinocchio to load
         rows = np.ascontiguousarray(q).reshape(-1, pepper.n)
         torque = evaluate(kernel(pepper, "gravity_torque"), rows).reshape(q.shape)
     return np.asarray((np.abs(torque) <= _most_torque(pepper)).all(axis=-1))
@@ -80,24 +80,24 @@ def holds(pepper: PepperModel, q: Array, loads: Loads) -> np.ndarray:
 
 @kept_for_robot(most=1)
 def _most_torque(pepper: PepperModel) -> Array:
-    """Return what holding still may take of each joint [N m or N], infinite where it has no limit."""
+    """Return the maximum torque for holding still of each joint [N m or N], infinite without a limit."""
     most, limited = np.full(pepper.n, np.inf), limited_efforts(pepper)
     most[limited] = pepper.requirements.holding_share * pepper.effort_limits[limited]
     return most
 
 
 def stands(pepper: PepperModel, q: Array, balance: float, loads: Loads) -> np.ndarray:
-    """Return whether motions that keep a balance [m] may end at q [rad or m], shape (..., n) -> (...)."""
+    """Return whether a balance [m] and `ROOM_TO_MOVE` are kept at q [rad or m], shape (..., n) -> (...)."""
     return distance_inside(pepper, q, loads) >= balance + ROOM_TO_MOVE
 
 
 def distance_inside(pepper: PepperModel, q: Array, loads: Loads) -> Array:
-    """Return how far inside the wheels' triangle the center of mass is at rest [m], negative outside.
+    """Return the distance of the center of mass inside the wheels' triangle at rest [m], negative outside.
 
     Args:
         pepper: The robot, whose wheels are known.
         q: Joint positions [rad or m], shape (..., n).
-        loads: What the robot carries.
+        loads: Carried objects.
 
     Returns:
         Distances from the nearest edge, shape (...).

@@ -1,4 +1,4 @@
-"""Whole jobs, from options to numbers and files, as the commands run them.
+"""Complete jobs of the commands, from options to numbers and files.
 
     reach, ReachOutcome, save_outcome, run_demo, demo_scene
     make_gesture, MadeGesture, save_library_gesture, save_gesture
@@ -7,8 +7,8 @@
     check_physics, PhysicsCheck
     warm_up, WarmUp, check_installation, Installation, Package
 
-Each job's module is imported when the job is first used, so that a check of dynamics does not load planners.
-No module has the name of a job: importing it would hide the job.
+A job's module is imported at the first use of the job, so that a check of dynamics does not load planners. No
+module has the name of a job, since importing it would hide the job.
 """
 
 from __future__ import annotations

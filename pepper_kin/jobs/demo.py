@@ -12,11 +12,11 @@ TARGET = (0.38, 0.22, 0.82)
 GAZE = (0.47, 0.12, 0.79)
 
 TIMEOUT = 60.0
-"""A slow or busy machine shall show the demonstration too [s]; on an idle one it takes two."""
+"""Time budget of the demonstration [s], for slow or busy machines; on an idle one it takes 2 s."""
 
 
 def demo_scene() -> Scene:
-    """Return the table, with a cup on it, that stands between the hanging hand and its target."""
+    """Return a scene with a table and a cup between the hanging hand and its target."""
     return (
         Scene()
         .add_box("table", size=(0.40, 0.80, 0.03), position=(0.47, 0.05, 0.715))

@@ -1,4 +1,4 @@
-"""Results of a check of a robot's dynamics."""
+"""Result of a check of a robot's dynamics."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 FORMS = ("pinocchio", "compiled", "symbolic", "batch")
-"""One state at a time by Pinocchio and by machine code; the CasADi function, and its compiled kernel."""
+"""Forms of a quantity: single states by Pinocchio and by machine code, the CasADi function, and its
+kernel."""
 
 
 @dataclass(frozen=True)
@@ -15,11 +16,11 @@ class DynamicsCheckRow:
     """One quantity compared with its reference.
 
     Attributes:
-        quantity: What was evaluated.
-        against: What it was compared with.
-        limit: Largest relative error that passes.
-        errors: Largest relative error of each of `FORMS` that was evaluated.
-        note: Why there is no error, where there is none.
+        quantity: Name of the quantity.
+        against: Name of the reference.
+        limit: Maximum relative error that passes.
+        errors: Maximum relative error of each evaluated form of `FORMS`.
+        note: Reason why the quantity was not evaluated; else empty.
     """
 
     quantity: str
@@ -30,12 +31,12 @@ class DynamicsCheckRow:
 
     @property
     def failed_forms(self) -> tuple[str, ...]:
-        """Forms whose error is above the limit, or no number."""
+        """Forms whose error is above the limit or NaN."""
         return tuple(form for form, error in self.errors.items() if not error <= self.limit)
 
     @property
     def success(self) -> bool:
-        """Whether no form failed (a row that could not be evaluated has none)."""
+        """Whether no form failed, as in a row that could not be evaluated."""
         return not self.failed_forms
 
 
@@ -45,11 +46,11 @@ class DynamicsCheck:
 
     Attributes:
         robot: Name of the robot.
-        joints: Number of its coordinates.
+        joints: Number of coordinates.
         frame: Frame whose Jacobian was checked.
         states: Number of random states.
         seed: Seed of the random states.
-        rows: What was checked.
+        rows: Results of the checked quantities.
     """
 
     robot: str
@@ -66,11 +67,11 @@ class DynamicsCheck:
 
     @property
     def failures(self) -> tuple[str, ...]:
-        """What failed, such as "mass matrix (batch)"."""
+        """Names of the failures, such as "mass matrix (batch)"."""
         return tuple(f"{row.quantity} ({form})" for row in self.rows for form in row.failed_forms)
 
     def report(self) -> str:
-        """Return a table in words, ending with the verdict."""
+        """Return a table as text that ends with the verdict."""
         title = (
             f"Dynamics of {self.robot}: {self.joints} joints, {self.states} random states, seed {self.seed}, "
             f"frame {self.frame}"
@@ -91,13 +92,13 @@ class DynamicsCheck:
 
     @property
     def verdict(self) -> str:
-        """One sentence: all within limits, or what is not."""
+        """Verdict in one sentence: all within limits, or the failures."""
         if self.success:
             return "All within the limits (relative errors, largest over joints and states)."
         return f"Beyond the limit: {', '.join(self.failures)}."
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON; an error that is no finite number becomes None."""
+        """Return plain values for JSON; an error that is not finite becomes None."""
         rows = [
             {
                 **vars(row),
@@ -109,6 +110,7 @@ class DynamicsCheck:
         return {**vars(self), "success": self.success, "failures": list(self.failures), "rows": rows}
 
     def _line(self, row: DynamicsCheckRow) -> tuple[str, ...]:
+        """Return the cells of a row; "!" marks a failed form."""
         cells = []
         for form in FORMS:
             mark = " !" if form in row.failed_forms else ""

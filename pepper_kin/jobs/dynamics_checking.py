@@ -1,4 +1,4 @@
-"""The check of a robot's dynamics: by Newton and Euler, by finite differences, and by its energy."""
+"""Check of a robot's dynamics against Newton-Euler, finite differences and conservation of energy."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import check_seed, check_whole
 
 AGREEMENT_LIMIT = 1e-9
-"""Two exact algorithms differ by rounding only."""
+"""Maximum relative error between two exact algorithms, which differ by rounding only."""
 DIFFERENCE_LIMIT = 1e-7
-"""Differences of fourth order lose half of the digits to rounding, less where a function is smooth."""
+"""Maximum relative error of finite differences of fourth order, which lose up to half of the digits."""
 ENERGY_LIMIT = 1e-8
-"""The integrator keeps a relative error of 1e-11 in each step."""
+"""Maximum relative error of the energy; the integrator keeps 1e-11 in each step."""
 STEP = 1e-3
 """Step of finite differences along directions of norm one [rad or m, rad/s or m/s]."""
 SMALLEST_SHARE = {AGREEMENT_LIMIT: 1e-5, DIFFERENCE_LIMIT: 1e-4}
-"""Errors are relative to a joint's own values, but to no less than this share of the largest joint's."""
+"""Minimum scale of a joint's relative errors, as a fraction of the largest joint's values, for each limit."""
 
 
 @dataclass(frozen=True)
 class _States:
-    """Random states; tau goes with a, and each has a direction of norm one to differentiate along."""
+    """Random states with torques tau of the accelerations a, and unit directions of differentiation."""
 
     q: Array
     v: Array
@@ -50,27 +50,26 @@ def check_dynamics(
 ) -> DynamicsCheck:
     """Compare a robot's dynamics with independent computations.
 
-    Inverse dynamics, forward dynamics and mass matrix against `dynamics.newton_euler`, which reads the URDF
-    by itself and shares no code with Pinocchio; the derivatives against finite differences of fourth order;
-    all of them in four forms: Pinocchio and machine code, one state at a time each, symbolic (CasADi) and
-    batch (its kernels); Jacobians of one state are Pinocchio's alone.
-    Accelerations are judged by the torques that they need according to Newton and Euler, so that light
-    fingers on a heavy arm do not turn rounding into failures.  And the change of energy over a second of
-    motion under random torques against the work that these do.
+    Inverse dynamics, forward dynamics and mass matrix are compared with `dynamics.newton_euler`, which reads
+    the URDF itself and shares no code with Pinocchio; derivatives with finite differences of fourth order.
+    Each quantity has four forms: single states by Pinocchio and by machine code, symbolic (CasADi) and batch
+    (kernels); Jacobians of single states are Pinocchio's only. Accelerations are compared by the torques that
+    they need according to Newton-Euler, so that rounding does not fail for light fingers on a heavy arm. The
+    change of energy over a second of motion under random torques is compared with the torques' work.
 
     Args:
         pepper: Any robot.
         states: Number of random states: positions within limits (and within 3 rad), velocities and
             accelerations of normal distribution with deviations 1 and 3 [rad/s, rad/s^2].
         seed: Seed of all random choices.
-        progress: Called with the number of parts done and of all.
+        progress: Function that is called with the numbers of finished and of all parts.
 
     Returns:
-        The errors, their limits, and whether all are within them.  What the robot cannot have (forward
-        dynamics of a joint that moves no mass) is a note.
+        Errors, limits and the verdict. A quantity that the robot does not have (forward dynamics with a joint
+        that moves no mass) has a note.
 
     Raises:
-        InvalidValueError: for a number of states or a seed that is no integer in range.
+        InvalidValueError: for a number of states or a seed that is not an integer in range.
     """
     check_whole("states", states, 1)
     check_seed(seed)
@@ -92,6 +91,7 @@ def check_dynamics(
 
 
 def _random_states(pepper: PepperModel, count: int, rng: np.random.Generator) -> _States:
+    """Return random states with their torques by Newton-Euler."""
     lower, upper = np.clip(pepper.lower_limits, -3, 3), np.clip(pepper.upper_limits, -3, 3)
     shape = (count, pepper.n)
     q, v, a = rng.uniform(lower, upper, shape), rng.normal(size=shape), 3 * rng.normal(size=shape)
@@ -101,7 +101,7 @@ def _random_states(pepper: PepperModel, count: int, rng: np.random.Generator) ->
 
 
 def _deepest_frame(pepper: PepperModel) -> str:
-    """Return the frame that the most joints move, the first of several."""
+    """Return the first frame with the most joints above it."""
     model = pepper.inner_model
     depth = {
         name: len(model.supports[model.frames[pepper.frame_id(name)].parentJoint])
@@ -113,7 +113,7 @@ def _deepest_frame(pepper: PepperModel) -> str:
 def _forms(
     pepper: PepperModel, single: Callable[..., Any], inputs: tuple[Array, ...], *args: str
 ) -> dict[str, Array]:
-    """Evaluate a quantity at each state in every form that it has, each of shape (states, ...)."""
+    """Return a quantity at each state in all its forms, shape (states, ...) each."""
     name = single.__name__
     by_solver = {solver: {"solver": solver} for solver in SOLVERS}
     ways = by_solver if "solver" in signature(single).parameters else {"pinocchio": {}}
@@ -129,25 +129,26 @@ def _forms(
     return {
         **one_by_one,
         "symbolic": np.array(results).reshape(shape),
-        "batch": np.reshape(batched, shape),  # a matrix of one column comes as a vector
+        "batch": np.reshape(batched, shape),  # a kernel returns a matrix of one column as a vector
     }
 
 
 def _plain(result: Any) -> Array:
+    """Return the result of a CasADi function as an array."""
     return np.array([np.array(part) for part in result]) if isinstance(result, tuple) else np.array(result)
 
 
 def _row(
     quantity: str, against: str, limit: float, forms: dict[str, Array], expected: Array, size: float = 0.0
 ) -> DynamicsCheckRow:
-    """Return the largest errors over states, each entry relative to its largest value over states.
+    """Return the maximum errors over states, each entry relative to its maximum value over states.
 
-    Values and `expected` have shape (states, ...).  `size` is that of the values from which differences were
-    taken: what they may cancel to has its rounding.
+    Values and `expected` have shape (states, ...). `size` is the magnitude of the values from which
+    differences were taken, whose rounding remains after cancellation.
     """
     sizes = np.abs(expected).max(axis=0)
     scale = np.maximum(sizes, SMALLEST_SHARE[limit] * max(sizes.max(), size))
-    # Where all values are zero, there is nothing to be relative to.
+    # If all values are zero, errors are absolute.
     scale = np.where(scale > 0, scale, 1.0)
     errors = {
         form: float((np.abs(found - expected).max(axis=0) / scale).max()) for form, found in forms.items()
@@ -156,7 +157,7 @@ def _row(
 
 
 def _needed_torques(pepper: PepperModel, q: Array, a: Array) -> Array:
-    """Return M(q) a, shape (N, n) [N m or N], by Newton and Euler; q and a have that shape too."""
+    """Return M(q) a [N m or N] by Newton-Euler; q, a and the result have shape (N, n)."""
     rest = np.zeros_like(q)
     return newton_euler(pepper, q, rest, a) - newton_euler(pepper, q, rest, rest)
 
@@ -183,12 +184,12 @@ def _algorithm_rows(pepper: PepperModel, s: _States) -> list[DynamicsCheckRow]:
 
 
 def _finite(forms: dict[str, Array]) -> dict[str, Array]:
-    """Remove values, shape (N, n), that Newton-Euler would refuse; they count as failures."""
+    """Return the forms with finite values, shape (N, n); Newton-Euler would refuse others, which fail."""
     return {form: values for form, values in forms.items() if np.isfinite(values).all()}
 
 
 def _difference(function: Callable[[float], Array]) -> Array:
-    """Return df/dh at h = 0: (8 f(h) - 8 f(-h) - f(2h) + f(-2h)) / 12h, wrong by f''''' h^4 / 30.
+    """Return df/dh at h = 0: (8 f(h) - 8 f(-h) - f(2h) + f(-2h)) / 12h, with the error f''''' h^4 / 30.
 
     The result has the shape of f(0).
     """
@@ -228,8 +229,8 @@ def _kinematic_rows(pepper: PepperModel, s: _States, frame: str) -> list[Dynamic
 def _derivative_rows(pepper: PepperModel, s: _States) -> list[DynamicsCheckRow]:
     """Check the derivatives of inverse and forward dynamics along the directions.
 
-    A motion that keeps tau(q, v, a) constant has dtau/dq d + M da/dq d = 0, and likewise for v: so M times
-    the derivatives of forward dynamics is known from differences of Newton-Euler torques alone.
+    For constant tau(q, v, a), dtau/dq d + M da/dq d = 0, and likewise for v, so M times the derivatives of
+    forward dynamics follows from differences of Newton-Euler torques.
     """
     by_q = _difference(lambda h: newton_euler(pepper, s.q + h * s.direction, s.v, s.a))
     by_v = _difference(lambda h: newton_euler(pepper, s.q, s.v + h * s.direction, s.a))
@@ -257,9 +258,9 @@ def _derivative_rows(pepper: PepperModel, s: _States) -> list[DynamicsCheckRow]:
 def _energy_row(pepper: PepperModel, rng: np.random.Generator) -> DynamicsCheckRow:
     """Move for a second under random torques and compare the change of energy with the work done.
 
-    Torques are those that hold the first posture, and sines of random phase that would shake each joint alone
-    with some rad/s^2.  Position, velocity and work are integrated together by Dormand and Prince's method of
-    order 8.
+    The torques hold the first posture and add sines of random phase that would accelerate each joint alone by
+    some rad/s^2. Position, velocity and work are integrated together by Dormand and Prince's method of order
+    8.
     """
     from scipy.integrate import solve_ivp
 

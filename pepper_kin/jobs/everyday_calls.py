@@ -1,4 +1,4 @@
-"""Calls that most programs make: the kernels that they need come with a wheel, and `warm_up` makes them."""
+"""Calls that most programs make: a wheel has their kernels, and `warm_up` compiles them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pepper_kin.trajectory import retime
 from pepper_kin.twin import Twin
 
 PATIENCE = 900.0
-"""Time budget of a plan whose code is being made meanwhile [s]."""
+"""Time budget of a plan whose code is compiled meanwhile [s]."""
 
 BATCHES = (
     "center_of_mass",
@@ -25,17 +25,18 @@ BATCHES = (
     "mass_matrix",
     "zero_moment_point",
 )
-"""Quantities whose kernels are everyday ones."""
+"""Quantities whose kernels a wheel has."""
 
 
 def everyday_calls() -> None:
-    """Make the calls whose kernels a wheel brings, in the order in which a newcomer makes them."""
+    """Make the calls whose kernels a wheel has, in the order of a first session."""
     own = (_motion_calls, _ik_calls, _payload_calls, _batch_calls, _calls_of_other_robots)
     for calls in (*own, *(entry.load() for entry in plugins("everyday_calls").values())):
         calls()
 
 
 def _ik_calls() -> None:
+    """Solve the usual combinations of hand and gaze tasks."""
     pepper = load_pepper()
     left, right, pose = (0.35, 0.2, 0.85), (0.35, -0.2, 0.85), np.eye(4)
     pose[:3, 3] = left
@@ -54,6 +55,7 @@ def _ik_calls() -> None:
 
 
 def _motion_calls() -> None:
+    """Plan, time, check, replan and execute a motion, and run the demonstration."""
     pepper = load_pepper()
     tasks = [ik.HandPosition("left", _POINT), ik.LookAt(_POINT)]
     found = plan(pepper, pepper.posture("Stand"), tasks, _scene(), seed=0, timeout=PATIENCE)
@@ -65,6 +67,7 @@ def _motion_calls() -> None:
 
 
 def _payload_calls() -> None:
+    """Plan and time motions with payloads, with and without balance."""
     pepper = load_pepper()
     for payload in (None, {"left": 0.3}, {"right": 0.3}, {"left": 0.3, "right": 0.3}):
         for balance in (None, 0.005):
@@ -76,6 +79,7 @@ def _payload_calls() -> None:
 
 
 def _batch_calls() -> None:
+    """Evaluate kinematics and collisions of batches, and load the kernels of `BATCHES`."""
     pepper = load_pepper()
     q = np.tile(pepper.neutral(), (64, 1))
     for frame in ("LArm_effector", "RArm_effector"):
@@ -88,6 +92,7 @@ def _batch_calls() -> None:
 
 
 def _calls_of_other_robots() -> None:
+    """Make typical calls for Pepper with a planar base and with moving hands."""
     planar = load_pepper(base="planar")
     collision.in_collision(planar, np.tile(planar.neutral(), (64, 1)), _scene())
     for other in (planar, load_pepper(hands="mimic")):

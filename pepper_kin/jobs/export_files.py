@@ -1,4 +1,4 @@
-"""Exports of the robot, written to disk with the meshes that they name."""
+"""Exports of the robot as files, with their meshes."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from pepper_kin.model import PepperModel, export, mesh_files
 def save_export(
     pepper: PepperModel, format: str, path: str | Path, *, mesh_paths: str | None = None
 ) -> list[Path]:
-    """Write the robot for another program.
+    """Write a robot as a file for another program.
 
     Args:
         pepper: The robot.
         format: "urdf", "srdf", "sdf" or "mjcf".
-        path: The file; its folder is made if it is not there.
-        mesh_paths: As `pepper_kin.model.export` takes it; with "relative" the meshes are copied to a folder
-            `meshes` beside the file.
+        path: The file; its folder is created if missing.
+        mesh_paths: Names of mesh files, see `pepper_kin.model.export`; with "relative" the meshes are copied
+            to a folder `meshes` beside the file.
 
     Returns:
-        The file, then the meshes copied.
+        The file, then the copied meshes.
 
     Raises:
-        PepperKinError: for an unknown format, or where a file cannot be read or written.
+        PepperKinError: for an unknown format, or a file that cannot be read or written.
     """
     text = export(pepper, format, mesh_paths=mesh_paths)
     target = Path(path)

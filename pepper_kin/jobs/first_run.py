@@ -1,4 +1,4 @@
-"""A first result before machine code is made: computed by Python's interpreter, in another process."""
+"""First result without machine code, computed by Python's interpreter in another process."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ main()
 
 
 def run_interpreted(arguments: Sequence[str], module: str, tell: Callable[[str], None]) -> int | None:
-    """Run a command by Python's interpreter where most of its machine code is missing, which takes longer.
+    """Run a command by Python's interpreter if most of its machine code is missing; this takes longer.
 
-    Machine code is made meanwhile by other processes; what is made by the end is kept.
+    Other processes compile machine code meanwhile; code that is finished by the end is cached.
 
     Args:
         arguments: Words of the command, without "pepper-kin".
         module: Name of the module that does the command's work.
-        tell: Called with sentences on how the result is computed.
+        tell: Function that is called with sentences on how the result is computed.
 
     Returns:
-        Exit code of the command; None where machine code is there, and nothing was done.
+        Exit code of the command; None if machine code exists and nothing was run.
     """
     importlib.import_module(module)
     missing, of = missing_modules()

@@ -15,18 +15,18 @@ from pepper_kin.motion import gesture, gesture_meaning, gesture_names
 from pepper_kin.plugins import plugins
 from pepper_kin.trajectory import Certificate, Trajectory
 
-CSV_STEP = 0.01  # [s]
+CSV_STEP = 0.01  # time between rows of trajectory.csv [s]
 
 
 @dataclass(frozen=True, eq=False)
 class MadeGesture(BriefRepr):
-    """A gesture with the certificate of its independent examination.
+    """A gesture with the certificate of its independent check.
 
     Attributes:
-        name: Of the gesture.
+        name: Name of the gesture.
         options: Side, amplitude and tempo.
         trajectory: The gesture.
-        certificate: What was found, clearance between the parts of the body included.
+        certificate: Certificate, with the clearance between the robot's links.
     """
 
     name: str
@@ -35,7 +35,7 @@ class MadeGesture(BriefRepr):
     certificate: Certificate
 
     def report(self) -> str:
-        """Return what the gesture is and what was found, in words."""
+        """Return the gesture's meaning, its options and the certificate, as text."""
         options = ", ".join(f"{name} {value}" for name, value in self.options.items())
         return f"{self.name}: {gesture_meaning(self.name)} ({options}).\n{self.certificate.report()}"
 
@@ -47,17 +47,17 @@ class MadeGesture(BriefRepr):
 def make_gesture(
     pepper: PepperModel, name: str, *, side: str = "right", amplitude: float = 1.0, tempo: float = 1.0
 ) -> MadeGesture:
-    """Make a gesture of the library and examine it.
+    """Make a gesture of the library and check it.
 
     Args:
         pepper: Pepper.
-        name: One of `pepper_kin.motion.gesture_names()`.
-        side: As `pepper_kin.motion.gesture` takes it.
-        amplitude: As `pepper_kin.motion.gesture` takes it.
-        tempo: As `pepper_kin.motion.gesture` takes it.
+        name: Name of a gesture, see `pepper_kin.motion.gesture_names()`.
+        side: Side of the gesture, see `pepper_kin.motion.gesture`.
+        amplitude: Factor on the amplitude, see `pepper_kin.motion.gesture`.
+        tempo: Factor on the tempo, see `pepper_kin.motion.gesture`.
 
     Raises:
-        UnknownNameError: for another name, listing also those that are registered.
+        UnknownNameError: for another name, listing the library's and the registered gestures.
         InvalidValueError: for an option out of range.
     """
     if name not in gesture_names():
@@ -72,12 +72,12 @@ def save_library_gesture(made: MadeGesture, folder: str | Path) -> dict[str, Pat
 
     Args:
         made: The gesture.
-        folder: Where; made if it is not there.
+        folder: Folder of the files, created if missing.
 
     Returns:
-        The files written, by name.
+        The written files by name.
 
     Raises:
-        PepperKinError: where the folder cannot be written to; no half-written file is left.
+        PepperKinError: if the folder cannot be written; no partial file is left.
     """
     return write_results(folder, made.as_dict(), made.trajectory, step=CSV_STEP)

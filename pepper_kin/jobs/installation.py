@@ -1,4 +1,4 @@
-"""What is installed, which machine code runs, what is missing, and which extra brings it."""
+"""Report on the installation: packages, machine code, and missing parts with the extra that installs them."""
 
 from __future__ import annotations
 
@@ -61,20 +61,20 @@ PURPOSES: Mapping[str, str] = {
     "cyclonedds": "ROS 2 by Cyclone DDS",
     "eclipse-zenoh": "ROS 2 by Zenoh",
 }
-"""What each dependency is for, by its name in `pyproject.toml`."""
+"""Purpose of each dependency, by its name in `pyproject.toml`."""
 
 DEVELOPMENT = ("test", "docs", "dev", "dask", "full")
-"""Extras of developers, and those that are made of others."""
+"""Extras for developers, and extras that combine others."""
 
 
 class Package(NamedTuple):
     """A package that the library can use.
 
     Attributes:
-        name: Of the package.
-        bounds: Versions that were tried, such as ">=2.0".
-        extra: The extra that brings it; empty where it belongs to the library.
-        installed: The version that is installed; None where there is none.
+        name: Name of the package.
+        bounds: Supported versions, such as ">=2.0".
+        extra: Extra that installs the package; empty for the library's own dependencies.
+        installed: Installed version, or None.
     """
 
     name: str
@@ -84,25 +84,25 @@ class Package(NamedTuple):
 
     @property
     def fits(self) -> bool:
-        """Whether the version that is installed was tried."""
+        """Whether the installed version is supported."""
         return self.installed in SpecifierSet(self.bounds) if self.installed else False
 
 
 @dataclass(frozen=True)
 class Installation:
-    """What there is, and what is missing.
+    """Installed and missing parts.
 
     Attributes:
-        version: Of the library.
-        python: Version of Python, and how it was built.
+        version: Version of the library.
+        python: Version and implementation of Python.
         platform: Operating system and processor.
         processor: LLVM's name of the processor.
-        wheel_code: The processor that the wheel's machine code is for; None where none fits, or in a clone.
-        native: Whether code for this very processor was asked for by `pepper-kin warm-up --native`.
-        cache: The folder in which machine code that is made here is kept.
-        cached: Its size [byte]; 0 without it.
-        packages: All of them, those of the library first.
-        faults: What is wrong, in sentences with what to do.
+        wheel_code: Processor of the wheel's machine code; None if no code fits, or in a clone.
+        native: Whether `pepper-kin warm-up --native` has requested code for this processor.
+        cache: Folder of the machine code that is compiled here.
+        cached: Size of the cache [byte]; 0 without a cache.
+        packages: All packages, the library's own dependencies first.
+        faults: Faults, in sentences with advice.
         chromium: Path of the browser that draws pictures; None without one.
     """
 
@@ -120,11 +120,11 @@ class Installation:
 
     @property
     def success(self) -> bool:
-        """Whether nothing that belongs to the library is missing or wrong."""
+        """Whether the library's own parts are complete and supported."""
         return not self.faults
 
     def report(self) -> str:
-        """Return all in words."""
+        """Return the report as text."""
         code = f"the wheel's, for {self.wheel_code}" if self.wheel_code else "made here on first use"
         if self.native:
             code = f"made here for {self.processor}, as `warm-up --native` has asked"
@@ -151,10 +151,10 @@ class Installation:
 
 
 def check_installation(chromium: str | None = None) -> Installation:
-    """Return what is installed and what is missing; nothing is changed, only Pinocchio and ProxQP are loaded.
+    """Return installed and missing parts; nothing is changed, and only Pinocchio and ProxQP are loaded.
 
     Args:
-        chromium: Path of the browser that draws pictures, if there is one.
+        chromium: Path of the browser that draws pictures, or None.
     """
     rows = tuple(_packages())
     faults = [
@@ -196,7 +196,7 @@ def check_installation(chromium: str | None = None) -> Installation:
 
 
 def _packages() -> Iterator[Package]:
-    """Yield the packages that the installed library names, where their markers hold here."""
+    """Yield the packages of the library's metadata whose markers hold on this machine."""
     for text in requires("pepper_kin") or ():
         found = Requirement(text)
         extra = _EXTRA.search(text)

@@ -1,4 +1,4 @@
-"""Motions from files: trajectories in every format, and runs of the twin."""
+"""Motions from files: trajectories in all formats, and runs of the twin."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from pepper_kin.twin import Run, load_recording, load_run
 
 _RUN_COLUMN = ".torque"
 SCENE_FILE = "scene.json"
-"""The scene of the motions in the same folder."""
+"""Name of the file with the scene of the motions in the same folder."""
 
 
 def load_motion(pepper: PepperModel, path: str | Path) -> Trajectory | Run:
     """Read a trajectory or a run of the twin.
 
     Args:
-        pepper: The robot whose joints it must have.
-        path: A file that `pepper_kin.files.save` or `Run.save` wrote (in a table, columns of torque tell a
-            run), or the folder of a `Recorder`.
+        pepper: The robot whose joints the file must have.
+        path: A file of `pepper_kin.files.save` or `Run.save` (a table with columns of torque is a run), or
+            the folder of a `Recorder`.
 
     Returns:
         A trajectory or a run.
@@ -31,7 +31,7 @@ def load_motion(pepper: PepperModel, path: str | Path) -> Trajectory | Run:
     Raises:
         UnknownNameError: for an unknown suffix.
         MissingDependencyError: for .mcap without its package.
-        FileFormatError: naming path, line and what is wrong.
+        FileFormatError: naming path, line and fault.
     """
     if os.path.isdir(path):
         recording = load_recording(path)
@@ -49,7 +49,7 @@ def scene_beside(path: str | Path) -> Path | None:
     """Return the file of the scene of a motion: `scene.json` in its folder; None without one.
 
     Args:
-        path: As `load_motion` takes it.
+        path: File or folder of the motion, as for `load_motion`.
     """
     folder = Path(path) if os.path.isdir(path) else Path(path).parent
     file = folder / SCENE_FILE
@@ -57,7 +57,7 @@ def scene_beside(path: str | Path) -> Path | None:
 
 
 def _first_line(path: str | Path) -> str:
-    """Return the head of a table; empty where it cannot be read, which the reader proper will report."""
+    """Return the first line of a table; empty if it cannot be read, which the table's reader will report."""
     try:
         with open(path, encoding="utf-8", errors="replace") as file:
             return file.readline()

@@ -21,23 +21,23 @@ from pepper_kin.twin.actuators import TORQUE
 SECONDS = 1.0
 TIMESTEPS = (4e-4, 2e-4, 1e-4)  # [s]
 LIMIT = 1e-3
-"""Largest difference of a joint after one second with the smallest timestep that passes [rad or m]."""
+"""Maximum difference of a joint after one second with the smallest timestep that passes [rad or m]."""
 _PUSH_FRAME, _PUSH = "LArm_effector", np.array([-4.0, 3.0, 2.0])  # [N]
 _PUSH_START, _PUSH_TIME = 0.2, 0.3  # [s]
-_STEP = 0.05  # of a joint's range, for the step responses
+_STEP = 0.05  # height of the steps relative to a joint's range
 _GENTLE = 1e-3
-"""Gains of the push: of Pepper's own, so that the push moves something."""
+"""Ratio of the push scenario's gains to Pepper's, low so that the push moves the arm."""
 
 
 @dataclass(frozen=True, eq=False)
 class ComparedMotion:
-    """What is done in both engines.
+    """Scenario of both engines.
 
     Attributes:
-        name: Of the scenario.
+        name: Name of the scenario.
         start: Positions at time 0, at rest [rad or m], shape (n,).
-        actuators: Of the twin; MuJoCo gets the same gains and torque limits.
-        reference: Time [s] to positions and velocities wanted.
+        actuators: Actuators of the twin; MuJoCo gets equal gains and torque limits.
+        reference: Function from times [s] to reference positions and velocities.
         pushed: Whether a hand is pushed.
     """
 
@@ -53,12 +53,12 @@ class PhysicsRow:
     """Differences of one scenario.
 
     Attributes:
-        name: Of the scenario.
-        moved: How far the joint that moved most was from its start [rad or m].
-        timesteps: [s], largest first.
-        differences: Largest difference of a joint at the end, for each timestep [rad or m].
-        greatest: Largest difference at any time, for each timestep [rad or m].
-        joint: The joint that differs most at the end with the smallest timestep.
+        name: Name of the scenario.
+        moved: Maximum distance of a joint from its start [rad or m].
+        timesteps: Timesteps, largest first [s].
+        differences: Maximum difference of a joint at the end, for each timestep [rad or m].
+        greatest: Maximum difference at any time, for each timestep [rad or m].
+        joint: Joint with the maximum difference at the end with the smallest timestep.
     """
 
     name: str
@@ -70,9 +70,9 @@ class PhysicsRow:
 
     @property
     def order(self) -> float:
-        """Slope of log difference over log timestep: 1 where differences halve with the timestep.
+        """Slope of log difference over log timestep: 1 if differences halve with the timestep.
 
-        NaN where the engines agree to rounding.
+        NaN if the engines agree to rounding.
         """
         if max(self.differences) < 1e-3 * LIMIT:
             return float("nan")
@@ -81,26 +81,26 @@ class PhysicsRow:
 
     @property
     def shrinks(self) -> bool:
-        """Whether differences fall with every smaller timestep, or are far below the limit anyway."""
+        """Whether differences decrease with every smaller timestep, or are far below the limit."""
         series = (self.differences, self.greatest)
         pairs = [pair for values in series for pair in itertools.pairwise(values)]
         return all(small < large or small < 1e-3 * LIMIT for large, small in pairs)
 
     @property
     def success(self) -> bool:
-        """Whether it shrinks, down to `LIMIT` or below."""
+        """Whether differences shrink to `LIMIT` or below."""
         return self.shrinks and self.differences[-1] <= LIMIT
 
 
 @dataclass(frozen=True)
 class PhysicsCheck:
-    """The twin beside MuJoCo.
+    """Comparison of the twin with MuJoCo.
 
     Attributes:
         robot: Name of the robot.
         duration: Length of each scenario [s].
         engine: Name and version of the other engine.
-        rows: The scenarios.
+        rows: Results of the scenarios.
     """
 
     robot: str
@@ -114,7 +114,7 @@ class PhysicsCheck:
         return all(row.success for row in self.rows)
 
     def report(self) -> str:
-        """Return the table of differences in words."""
+        """Return the table of differences as text."""
         steps = self.rows[0].timesteps
         widths = (f"h = {1e3 * h:g} ms" for h in steps)
         head = ("scenario", "moved [rad or m]", *widths, "at any time", "order", "worst joint")
@@ -168,16 +168,16 @@ def check_physics(
 
     Args:
         pepper: Pepper; `load_pepper()` if omitted.
-        timesteps: At least two, in seconds.
+        timesteps: At least two timesteps [s].
         duration: Length of each scenario [s].
-        seed: Of the start of the free swing.
-        progress: Called with the number of scenarios done and of all.
+        seed: Seed of the start of the free swing.
+        progress: Function that is called with the numbers of finished and of all scenarios.
 
     Returns:
         Differences for each scenario and timestep.
 
     Raises:
-        MissingDependencyError: where mujoco is not installed.
+        MissingDependencyError: if mujoco is not installed.
         InvalidValueError: for a timestep that is not positive, fewer than two, or a negative seed.
     """
     if seed < 0:
@@ -198,6 +198,7 @@ def check_physics(
 
 
 def _motions(pepper: PepperModel, seed: int) -> list[ComparedMotion]:
+    """Return the scenarios: free swing, step responses, gesture and push."""
     n, stand = pepper.n, pepper.neutral()
     servos = actuator_parameters(pepper).changed(stop_stiffness=0.0, stop_damping=0.0)
     limp = servos.changed(mode=TORQUE)
@@ -226,6 +227,7 @@ def _motions(pepper: PepperModel, seed: int) -> list[ComparedMotion]:
 def _compare(
     pepper: PepperModel, model: Any, motion: ComparedMotion, steps: tuple[float, ...], duration: float
 ) -> PhysicsRow:
+    """Run a scenario in both engines with each timestep and return the differences."""
     ends, greatest, moved = [], [], 0.0
     for h in steps:
         count = round(duration / h)
@@ -242,7 +244,7 @@ def _compare(
 
 
 def _ours(pepper: PepperModel, motion: ComparedMotion, h: float, q_ref: Array, v_ref: Array) -> Array:
-    """Return the twin's positions, shape (T, n) [rad], as it follows references of that shape."""
+    """Return the twin's positions, shape (T, n) [rad], for references of equal shape."""
     twin = Twin(pepper, h, feedforward="none", actuators=motion.actuators)
     twin.reset(motion.start)
     if motion.pushed:
@@ -253,7 +255,7 @@ def _ours(pepper: PepperModel, motion: ComparedMotion, h: float, q_ref: Array, v
 def _theirs(
     pepper: PepperModel, model: Any, motion: ComparedMotion, h: float, q_ref: Array, v_ref: Array
 ) -> Array:
-    """Return MuJoCo's positions, shape (T, n) [rad], as it follows references of that shape."""
+    """Return MuJoCo's positions, shape (T, n) [rad], for references of equal shape."""
     import mujoco
 
     model.opt.timestep = h
@@ -280,7 +282,7 @@ def _theirs(
 
 
 def _drive(model: Any, motion: ComparedMotion) -> None:
-    """Give MuJoCo's servos, whose order is the robot's, our gains and limits, and no feed-forward."""
+    """Set the gains and limits of MuJoCo's servos, which are in the robot's order, without feed-forward."""
     wanted = motion.actuators
     n = len(wanted.joint_names)
     limp = wanted.in_mode(TORQUE)

@@ -1,4 +1,4 @@
-"""The main job: reach with a hand and look at a point, without collisions and within all limits."""
+"""Main job: reach with a hand and look at a point, without collisions and within all limits."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from pepper_kin.trajectory import Certificate, Trajectory, retime
 from pepper_kin.twin import Run, Twin
 
 CAMERA = "CameraTop_frame"
-_FAR = 1e4  # [m] from which few digits are said
-HOLD_TIME = 0.5  # [s] that the twin goes on after the motion's end
+_FAR = 1e4  # distance from which messages give few digits [m]
+HOLD_TIME = 0.5  # time that the twin continues after the end of the motion [s]
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,15 +34,15 @@ class ReachOutcome(BriefRepr):
 
     Attributes:
         hand: "left" or "right".
-        target: Where the palm should go [m], shape (3,).
-        gaze: Where the camera should look [m], shape (3,), or None.
+        target: Target of the palm [m], shape (3,).
+        gaze: Target of the camera's gaze [m], shape (3,), or None.
         scene: The world.
-        plan: IK and path; unsuccessful where there is none.
+        plan: Plan with IK and path, which may be unsuccessful.
         trajectory: The timed motion, or None.
         certificate: The check of the motion by code other than the planner's, or None.
-        run: What the twin did, or None.
+        run: Run of the twin, or None.
         figures: Numbers of the report by name, in SI units.
-        message: One sentence: what happened.
+        message: Result in one sentence.
     """
 
     hand: str
@@ -58,7 +58,7 @@ class ReachOutcome(BriefRepr):
 
     @property
     def success(self) -> bool:
-        """Whether the hand got there, safely and within all limits."""
+        """Whether the twin completed the motion and its certificate passed."""
         return (
             self.run is not None
             and self.run.success
@@ -88,20 +88,20 @@ def reach(
     Args:
         pepper: The robot.
         hand: "left" or "right".
-        at: Where the palm should go, in the world [m], shape (3,).
-        look_at: Where the top camera should look [m], shape (3,); None leaves the gaze free.
+        at: Target of the palm in the world [m], shape (3,).
+        look_at: Target of the top camera's gaze [m], shape (3,); None leaves the gaze free.
         scene: The world around the robot.
         start: Start configuration [rad or m], shape (n,); None for `pepper.default_posture()`.
         seed: Seed of all random choices.
         timeout: Time budget of IK and planning [s].
-        timestep: Step of the twin [s].
-        on_stage: Called with the name of each stage as it begins.
+        timestep: Timestep of the twin [s].
+        on_stage: Function that is called with the name of each stage when it begins.
 
     Returns:
-        The outcome; where a target cannot be reached, its message names how near the hand can get.
+        The outcome; for a target out of reach, its message says how near the hand can get.
 
     Raises:
-        PepperKinError: on misuse, naming what is wrong.
+        PepperKinError: for invalid arguments, naming the fault.
     """
     scene = scene if scene is not None else Scene()
     target = read_only(as_finite(at, "at", (3,)))
@@ -141,11 +141,11 @@ def reach(
 
 
 def _why_not(pepper: PepperModel, task: HandPosition, scene: Scene, found: Plan, seed: int) -> str:
-    """Return in one line why there is no path; for a hand out of reach, the distance of the nearest point."""
+    """Return in one line why there is no path; for a hand out of reach, with the nearest point's distance."""
     if found.status is not PlanStatus.NO_IK or found.ik is None:
         return found.report()
-    # Without the gaze, which would pull the body elsewhere: the question is how near the hand can get.
-    with np.errstate(over="ignore"):  # squares of distances to targets that nobody reaches
+    # Without the gaze, since the question is how near the hand alone can get.
+    with np.errstate(over="ignore"):  # squares of distances to targets very far away
         alone = solve(pepper, [task], start=pepper.neutral(), scene=scene, seed=seed)
     palm = frame_pose(pepper, alone.q, task.frame)[:3, 3]
     wanted, point = (f"({', '.join(map(_coordinate, p))})" for p in (task.target, palm))
@@ -158,20 +158,22 @@ def _why_not(pepper: PepperModel, task: HandPosition, scene: Scene, found: Plan,
 
 
 def _coordinate(value: float) -> str:
-    """Return a coordinate [m] to the millimeter, or in few digits where it is far out."""
+    """Return a coordinate [m] as text to the millimeter, or with few digits if it is large."""
     return f"{value:.3f}" if abs(value) < _FAR else f"{value:.4g}"
 
 
 def _distance(value: float) -> str:
-    """Return a distance [m] in centimeters, or in meters and few digits where it is far."""
+    """Return a distance [m] as text in centimeters, or in meters with few digits if it is large."""
     return f"{value * 100:.1f} cm" if value < _FAR else f"{value:.4g} m"
 
 
 def _unmet(result: IKResult) -> str:
+    """Return the errors of the unmet tasks in words."""
     return "; ".join(error.shortfall for error in result.errors if not error.met)
 
 
 def _sentence(hand: str, figures: dict[str, Any], certificate: Certificate, run: Run) -> str:
+    """Return the result of a motion in one sentence."""
     palm = f"The {hand} hand ends {figures['hand_error_m'] * 1000:.1f} mm from its target"
     gaze = figures["gaze_error_rad"]
     look = "" if gaze is None else f", the gaze {np.degrees(gaze):.2f} degrees off"
@@ -181,14 +183,14 @@ def _sentence(hand: str, figures: dict[str, Any], certificate: Certificate, run:
 
 
 class _Clock:
-    """Measures the stages and announces them."""
+    """Stopwatch of the stages, which announces each."""
 
     def __init__(self, announce: Callable[[str], None]) -> None:
         self.announce, self.seconds = announce, dict[str, float]()
         self._stage: tuple[str, float] | None = None
 
     def enter(self, stage: str) -> None:
-        """End the stage that runs and begin another."""
+        """End the current stage and begin another."""
         now = time.perf_counter()
         if self._stage is not None:
             self.seconds[self._stage[0]] = now - self._stage[1]
@@ -200,7 +202,7 @@ class _Clock:
 def _figures(
     pepper: PepperModel, tasks: list[Any], scene: Scene, found: Plan, trajectory: Trajectory, run: Run
 ) -> dict[str, Any]:
-    """Measure the executed motion, independently of solver and planner."""
+    """Return the figures of the executed motion, computed independently of solver and planner."""
     q_end = run.position[-1]
     reached = tasks[0]
     palm_path = frame_pose(pepper, run.position[::10], reached.frame)[:, :3, 3]
@@ -222,7 +224,7 @@ def _figures(
 
 
 def _gaze_error(transform_camera_to_world: NDArray[np.float64], gaze: NDArray[np.float64]) -> float:
-    """Return the angle [rad] of a camera's x axis, of a pose, shape (4, 4), to a point, shape (3,) [m]."""
+    """Return the angle [rad] between the x axis of a camera's pose, shape (4, 4), and a point, shape (3,)."""
     direction = gaze - transform_camera_to_world[:3, 3]
     axis = transform_camera_to_world[:3, 0]
     return float(np.arctan2(np.linalg.norm(np.cross(axis, direction)), axis @ direction))

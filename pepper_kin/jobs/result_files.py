@@ -17,12 +17,12 @@ from pepper_kin.model import PepperModel
 from pepper_kin.trajectory import Trajectory
 from pepper_kin.twin import Run
 
-CSV_STEP = 0.001  # [s] between rows of trajectory.csv
+CSV_STEP = 0.001  # time between rows of trajectory.csv [s]
 _LIBRARIES = ("pin", "proxsuite", "coal", "llvmlite", "meshcat", "numpy")
 
 
 def summary(pepper: PepperModel, outcome: ReachOutcome) -> dict[str, Any]:
-    """Return the summary of an outcome, as values that JSON can hold; SI units."""
+    """Return the summary of an outcome as plain values for JSON, in SI units."""
     certificate = outcome.certificate
     return {
         "robot": pepper.name,
@@ -59,20 +59,20 @@ def summary(pepper: PepperModel, outcome: ReachOutcome) -> dict[str, Any]:
 
 
 def save_outcome(pepper: PepperModel, outcome: ReachOutcome, folder: str | Path) -> dict[str, Path]:
-    """Write `summary.json`, `scene.json` and, where there is a motion, trajectory, run and their columns.
+    """Write `summary.json`, `scene.json` and, for a motion, its trajectory, run and columns.
 
     The motion's files are `trajectory.csv`, `run.csv` and `columns.json`.
 
     Args:
         pepper: The robot.
-        outcome: What to write.
-        folder: Where; made if it is not there.
+        outcome: Outcome to write.
+        folder: Folder of the files, created if missing.
 
     Returns:
-        The files written, by name.
+        The written files by name.
 
     Raises:
-        PepperKinError: where the folder cannot be written to; no half-written file is left.
+        PepperKinError: if the folder cannot be written; no partial file is left.
     """
     moved = outcome.trajectory is not None and outcome.run is not None
     motion = (outcome.trajectory, outcome.run) if moved else (None, None)
@@ -86,14 +86,14 @@ def save_gesture(report: Any, folder: str | Path) -> dict[str, Path]:
     """Write `summary.json`, `trajectory.csv`, `run.csv` and `columns.json` of a gesture.
 
     Args:
-        report: What a registered gesture returns: see `pepper_kin.plugins`.
-        folder: Where; made if it is not there.
+        report: Report of a registered gesture, see `pepper_kin.plugins`.
+        folder: Folder of the files, created if missing.
 
     Returns:
-        The files written, by name.
+        The written files by name.
 
     Raises:
-        PepperKinError: where the folder cannot be written to; no half-written file is left.
+        PepperKinError: if the folder cannot be written; no partial file is left.
     """
     return write_results(folder, report.as_dict(), report.trajectory, report.run)
 
@@ -105,27 +105,27 @@ def write_results(
     run: Run | None = None,
     step: float = CSV_STEP,
 ) -> dict[str, Path]:
-    """Write `summary.json` and, where they are given, `trajectory.csv`, `run.csv` and their `columns.json`.
+    """Write `summary.json` and, if given, `trajectory.csv` and `run.csv` with their `columns.json`.
 
     Args:
-        folder: Where; made if it is not there.
-        numbers: What the summary says.
-        trajectory: The motion.
-        run: How the twin did it.
-        step: Between rows of the trajectory [s].
+        folder: Folder of the files, created if missing.
+        numbers: Values of the summary.
+        trajectory: The motion, or None.
+        run: Run of the twin, or None.
+        step: Time between rows of the trajectory [s].
 
     Returns:
-        The files written, by name.
+        The written files by name.
 
     Raises:
-        PepperKinError: where the folder cannot be written to; no half-written file is left.
+        PepperKinError: if the folder cannot be written; no partial file is left.
     """
     folder = atomic_file.make_folder(folder)
     files: dict[str, Path] = {}
     if trajectory is not None:
         files["trajectory.csv"] = save(
             trajectory, folder / "trajectory.csv", dt=step, unchecked=True
-        )  # to look at, beside the certificate in the summary
+        )  # for inspection; the summary has the certificate
     if run is not None:
         files["run.csv"] = run.save(folder / "run.csv")
     if files:

@@ -17,13 +17,13 @@ from pepper_kin.kernels.warm_up import Build
 
 @dataclass(frozen=True)
 class WarmUp:
-    """What `warm_up` did.
+    """Result of `warm_up`.
 
     Attributes:
         modules: Number of modules with compiled functions.
-        made: How many of them had no machine code.
-        processor: LLVM's name of the processor that it was made for.
-        folder: Where it is kept.
+        made: Number of modules whose machine code was compiled.
+        processor: LLVM's name of the processor of the machine code.
+        folder: Folder of the machine code.
         time: Wall-clock time of the call [s].
     """
 
@@ -34,7 +34,7 @@ class WarmUp:
     time: float
 
     def report(self) -> str:
-        """Return one sentence."""
+        """Return the result in one sentence."""
         if not self.made:
             return f"Nothing to do: there is machine code of all {self.modules} modules for {self.processor}."
         return (
@@ -48,12 +48,12 @@ class WarmUp:
 
 
 def warm_up(native: bool = False, progress: Callable[[int, int], None] = lambda done, total: None) -> WarmUp:
-    """Make all machine code that is missing, on all cores: of compiled functions and of everyday kernels.
+    """Compile all missing machine code on all cores: compiled functions and kernels of everyday calls.
 
     Args:
-        native: Make it for this very processor even where a wheel brings some that fits, and use it from now
-            on.
-        progress: Called with the work that is done and all of it, in thousandths.
+        native: Whether to compile for this processor even if a wheel has suitable code, and use the result
+            from now on.
+        progress: Function that is called with the finished and the total work, in thousandths.
     """
     from pepper_kin.jobs.everyday_calls import everyday_calls
 

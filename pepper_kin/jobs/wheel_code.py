@@ -27,20 +27,20 @@ from pepper_kin.kernels.wheel_code import write_wheel_code
 
 
 def make_wheel_code(tag: str, path: Path) -> int:
-    """Make the file of a wheel.
+    """Write the file with a wheel's machine code.
 
     Args:
         tag: Platform tag of the wheel, one of `WHEELS`.
         path: The file to write.
 
     Returns:
-        Its size [bytes].
+        Size of the file [bytes].
 
     Raises:
-        RuntimeError: A process that makes machine code failed.
+        RuntimeError: if a process that compiles machine code fails.
     """
     target, modules = WHEELS[tag](), compiled_modules()
-    Build(modules, only=True).finish(lambda reached: None)  # calls need code for this processor
+    Build(modules, only=True).finish(lambda reached: None)  # the calls below need code for this processor
     if target != host_target():
         Build(modules, only=True, wheel=tag).finish(lambda reached: None)
     with collected(target) as collection:

@@ -2,15 +2,15 @@
 
     load_pepper, load_robot, PepperModel      a frozen robot; pepper_urdf is the text of Pepper's description
     Semantics, Wheels                         groups, postures and allowed contacts; a base that drives
-    MotionRequirements                        what motions keep in reserve: balance, torque for the servos
+    MotionRequirements                        reserves of motions: balance, torque for the servos
     pose, rotation_from_rpy, rpy_from_rotation, rotation_from_quaternion, quaternion_from_rotation
     Box, Sphere, Capsule, Cylinder, Mesh      geometries, together `Geometry`; Shape: one on a link
     export, FORMATS, mesh_files               URDF, SRDF, SDF and MJCF
-    audit, Audit, Fault                       what is wrong in any URDF
-    compare, Comparison, Difference           what two URDFs have not in common
-    robot_digest, RobotMemory, kept_for_robot, once_for_robot     for caches of what belongs to a robot
+    audit, Audit, Fault                       faults of any URDF
+    compare, Comparison, Difference           differences of two URDFs
+    robot_digest, RobotMemory, kept_for_robot, once_for_robot     caches per robot
 
-A `PepperModel` is a value: what changes it returns another one.
+A `PepperModel` is a value: methods that change it return a new model.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Numbers given by hand or frame, such as payloads and speeds, and robots that carry them."""
+"""Values by hand or frame, such as payloads and speeds, and robots with loads at frames."""
 
 from __future__ import annotations
 
@@ -15,20 +15,21 @@ from pepper_kin.model.pepper_model import PepperModel
 pinocchio = lazy_module("pinocchio")
 
 AtFrames: TypeAlias = tuple[tuple[str, float], ...]
-"""A positive number for each of some frames."""
+"""Pairs of a frame and its positive number."""
 
 AtFrame: TypeAlias = tuple[str, float, tuple[float, ...], tuple[float, ...]]
-"""Frame, mass [kg], center of mass in its axes [m], and xx, xy, xz, yy, yz, zz about that [kg m^2]."""
+"""Frame, mass [kg], center of mass in the frame [m], and inertia about it: xx, xy, xz, yy, yz, zz [kg
+m^2]."""
 
 HANDS = {"left": "LArm_effector", "right": "RArm_effector"}
-"""Frames that "left" and "right" stand for."""
+"""Frame of each hand."""
 
 
 def at_frames(pepper: PepperModel, quantity: str, values: Mapping[str, float] | None, unit: str) -> AtFrames:
     """Check numbers given by hand ("left", "right") or frame.
 
     Raises:
-        InvalidValueError: for what is no mapping, or a number that is not positive and finite.
+        InvalidValueError: for anything but a mapping, or a number that is not positive and finite.
         UnknownNameError: for a frame that the robot lacks.
     """
     if values is None:
@@ -51,11 +52,12 @@ def at_frames(pepper: PepperModel, quantity: str, values: Mapping[str, float] | 
 
 
 def carrying(pepper: PepperModel, payload: Mapping[str, float] | None) -> PepperModel:
-    """Return a robot with point masses at frames as parts of its links, the same one at each call.
+    """Return a robot with point masses at frames as parts of its links; equal calls return one object.
 
     Args:
         pepper: The robot.
-        payload: Masses at "left", "right" or a frame by name [kg]; None or none for the robot itself.
+        payload: Masses at "left", "right" or a frame by name [kg]; None or an empty mapping for the robot
+            itself.
 
     Raises:
         InvalidValueError: for a mass that is not a finite number above 0.

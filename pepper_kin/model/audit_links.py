@@ -1,4 +1,4 @@
-"""Audit of the links: masses and inertias of real bodies."""
+"""Audit of the links: whether a real body can have their masses and inertias."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from pepper_kin.model.shape_extent import link_extent
 from pepper_kin.model.tolerant_urdf import Fault, LinkFacts, UrdfFacts
 
 HIDDEN_HARDWARE = 1.25
-"""How far beyond its link's shape a radius of gyration may reach: motors sit inside the neighboring link."""
+"""Maximum ratio of a link's radius of gyration to its `reach`: motors may sit inside the neighboring link."""
 
 
 @dataclass(frozen=True)
 class LinkRow:
-    """What is known of one link's mass.
+    """Mass, inertia and size of one link.
 
     Attributes:
         name: The link.
         mass: Mass [kg].
-        least_moment: Smallest principal moment of inertia [kg m^2]; nan where none is stated.
-        triangle_margin: (sum of the two smaller principal moments - the largest) / the largest; a real body
-            has none below zero.
+        least_moment: Minimum principal moment of inertia [kg m^2]; nan without an inertia.
+        triangle_margin: (sum of the two smaller principal moments - the largest) / the largest; at least 0
+            for a real body.
         gyration: Radius of gyration about the center of mass, sqrt(tr(I) / 2m) [m].
         reach: Distance from the center of mass to the farthest corner of the box around the link's shapes
-            [m], which no real body's radius of gyration exceeds; nan where the link has no shape.
+            [m], an upper bound of a real body's radius of gyration; nan for a link without shapes.
         status: "ok", "note" or "fault".
     """
 
@@ -67,6 +67,7 @@ def audit_links(facts: UrdfFacts, faults: list[Fault]) -> tuple[list[LinkRow], l
 
 
 def _link(link: LinkFacts, where: str) -> tuple[list[Fault], list[Fault], LinkRow]:
+    """Return the faults, the notes and the row of one link that has mass."""
     faults: list[Fault] = []
     notes: list[Fault] = []
     mass, nan = float(link.mass or 0.0), float("nan")
@@ -96,8 +97,8 @@ def _link(link: LinkFacts, where: str) -> tuple[list[Fault], list[Fault], LinkRo
 def _beyond_shape(link: LinkFacts, mass: float, box: np.ndarray, where: str) -> list[Fault]:
     """Return notes on mass that must lie outside the box around the link's shapes.
 
-    Mass inside [a, b] with its center at c spreads no more than (b - c)(c - a) (mean square about c, Bhatia
-    and Davis 2000); the spread along x is (Iyy + Izz - Ixx) / 2m.
+    The variance about c of mass inside [a, b] with its center at c is at most (b - c)(c - a) (Bhatia and
+    Davis 2000); the variance along x is (Iyy + Izz - Ixx) / 2m.
     """
     outside = np.maximum(np.maximum(link.center - box[1], box[0] - link.center), 0.0)
     if outside.max() > 1e-6:

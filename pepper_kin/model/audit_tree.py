@@ -14,18 +14,18 @@ PHALANGES = (
     "Thumb1",
     "Thumb2",
 )
-"""Pepper's finger joints on either side."""
-_ROUNDING = 1e-4  # [rad] of limits with few decimals
-_OF_PEPPER = {"HeadYaw", "HeadPitch", "KneePitch"}  # NAO has two knees
+"""Pepper's finger joints of one hand, without the side's letter."""
+_ROUNDING = 1e-4  # tolerance of limits that are written with few decimals [rad]
+_OF_PEPPER = {"HeadYaw", "HeadPitch", "KneePitch"}  # joints that identify Pepper: NAO has two knees
 
 
 @dataclass(frozen=True)
 class JointRow:
-    """What a description says of one moving joint.
+    """Limits of one moving joint, from its description.
 
     Attributes:
         name: The joint.
-        type: Its type.
+        type: Joint type, one of MOVING_TYPES.
         lower: Lower limit [rad or m], None where absent.
         upper: Upper limit [rad or m], None where absent.
         velocity: Velocity limit [rad/s or m/s], None where absent.
@@ -76,10 +76,10 @@ def audit_joints(facts: UrdfFacts, faults: list[Fault]) -> list[JointRow]:
 
 
 def head_notes(joints: dict[str, JointFacts]) -> list[Fault]:
-    """Return a note where joints are Pepper's and its head may pitch farther than a robot was seen to.
+    """Return a note if Pepper's upper limit of HeadPitch is above the documented one.
 
     Args:
-        joints: What a description says, by name of the joint.
+        joints: Facts of the description's joints, by name.
     """
     upper = joints["HeadPitch"].limits.get("upper") if joints.keys() >= _OF_PEPPER else None
     if upper is None or upper <= DOCUMENTED + _ROUNDING:
@@ -92,6 +92,7 @@ def head_notes(joints: dict[str, JointFacts]) -> list[Fault]:
 
 
 def _limit_faults(joint: JointFacts) -> list[Fault]:
+    """Return the faults of a joint's limits: missing, in the wrong order, equal, or not above zero."""
     where, limits, found = f"joint {joint.name}", joint.limits, []
     wanted = (
         ("velocity", "effort") if joint.type == "continuous" else ("lower", "upper", "velocity", "effort")
@@ -116,6 +117,7 @@ def _limit_faults(joint: JointFacts) -> list[Fault]:
 
 
 def _mimic_faults(joint: JointFacts, wrong: dict[str, str]) -> list[Fault]:
+    """Return the faults of a joint's mimic element; `wrong` is the result of `_wrong_leaders`."""
     if joint.mimic is None:
         return []
     message = wrong[joint.name] or ("" if joint.mimic[1] != 0 else "its multiplier is zero")
@@ -123,7 +125,7 @@ def _mimic_faults(joint: JointFacts, wrong: dict[str, str]) -> list[Fault]:
 
 
 def _wrong_leaders(facts: UrdfFacts) -> dict[str, str]:
-    """Return what is wrong with what each joint follows, empty for a sound one; each is looked at once."""
+    """Return the fault of each joint's chain of leaders, empty for a sound one; each is visited once."""
     found: dict[str, str] = {}
     for name in facts.joints:
         chain: dict[str, None] = {}
@@ -149,9 +151,9 @@ def _wrong_leaders(facts: UrdfFacts) -> dict[str, str]:
 
 
 def fingers_found(facts: UrdfFacts, faults: list[Fault]) -> tuple[int, int, int, int] | None:
-    """Count Pepper's fixed, following, independent and missing finger joints; None where there is none.
+    """Count Pepper's fixed, following, independent and missing finger joints; None without any finger.
 
-    Missing ones, and some that follow their hand while others do not, are faults.
+    Missing fingers, and hands of which only some fingers follow, are faults.
     """
     wanted = [f"{side}{phalanx}" for side in "LR" for phalanx in PHALANGES]
     found = [name for name in wanted if name in facts.joints]
@@ -182,9 +184,9 @@ def fingers_found(facts: UrdfFacts, faults: list[Fault]) -> tuple[int, int, int,
 
 
 def reachable_links(facts: UrdfFacts, faults: list[Fault]) -> set[str]:
-    """Return the links that hang on the root; what does not is a fault.
+    """Return the links connected to the root; other links are a fault.
 
-    The root is the link without a parent that carries the most links.
+    The root is the link without a parent that has the most descendants.
     """
     children: dict[str, list[str]] = {}
     parents: dict[str, list[str]] = {}
@@ -210,7 +212,7 @@ def reachable_links(facts: UrdfFacts, faults: list[Fault]) -> set[str]:
     if not facts.links:
         faults.append(Fault("structure", "the robot", "it has no link"))
         return set()
-    # Links with several parents count for the first root alone: each is looked at once.
+    # A link with several parents counts for the first root only, so each link is visited once.
     taken: set[str] = set()
     best, most = "", 0
     for link in facts.links:

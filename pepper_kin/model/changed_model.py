@@ -1,4 +1,4 @@
-"""A model with other limits or masses: a new description, from which everything is computed again."""
+"""Models with other limits or masses: a changed description, from which a new model is built."""
 
 from __future__ import annotations
 
@@ -30,7 +30,8 @@ if TYPE_CHECKING:
     from pepper_kin.model.pepper_model import PepperModel
 
 RAISED = 3.0
-"""Velocity limits of more than a turn a second that are raised by more than this are warned of as degrees."""
+"""Ratio of a new velocity limit to the old one above which a limit of more than a turn a second gives a
+warning: it may be in degrees."""
 
 JointValues: TypeAlias = "ArrayLike | Mapping[str, float]"
 
@@ -40,7 +41,8 @@ def with_limits(pepper: PepperModel, changes: Mapping[str, JointValues | None]) 
 
     Args:
         pepper: The robot.
-        changes: "lower", "upper", "velocity", "acceleration" and "effort" -> what is changed of it, or None.
+        changes: "lower", "upper", "velocity", "acceleration" and "effort" -> new values; None keeps the
+            limits.
     """
     limits = {
         "lower": pepper.lower_limits,
@@ -77,7 +79,7 @@ def _with_all(pepper: PepperModel, new: Mapping[str, Array]) -> PepperModel:
     """Return a robot that has all new limits, shape (n,) each.
 
     Raises:
-        InvalidValueError: where joints that follow another do not allow one.
+        InvalidValueError: for a limit that a following joint does not allow.
     """
     for quantity, values in new.items():
         found = getattr(pepper, f"{quantity}_limits")
@@ -118,6 +120,7 @@ def with_masses(pepper: PepperModel, masses: Mapping[str, float]) -> PepperModel
 
 
 def _rebuilt(pepper: PepperModel, root: ET.Element) -> PepperModel:
+    """Return a robot built from a changed tree of its description; warn of states that changed with it."""
     if pepper.dynamics_model.changed() is not None:
         raise ModelError(
             f"robot {pepper.name!r}: it was given another pinocchio_model, which the new one would not have; "
@@ -141,19 +144,19 @@ def with_pinocchio_model(pepper: PepperModel, model: Any) -> PepperModel:
     if list(model.names) != list(own.names) or model.nq != own.nq:
         expected = f"the joints of robot {pepper.name!r}: {', '.join(list(own.names)[1:])}"
         raise InvalidValueError("model", f"joints {', '.join(list(model.names)[1:])}", expected)
-    # Pinocchio's comparison leaves out what is fixed to the world.
+    # Pinocchio's comparison leaves out the inertia that is fixed to the world.
     same = model == own and model.inertias[0] == own.inertias[0]
     return pepper if same else pepper.with_parts(changed=model.copy())
 
 
 def _of_joints(pepper: PepperModel, quantity: str, value: JointValues, present: Array) -> Array:
-    """Return numbers of all joints, shape (n,): one for all, one for each, or some by joint and group.
+    """Return values of all joints, shape (n,), from one number, n numbers, or a mapping by joint and group.
 
     Args:
         pepper: The robot.
-        quantity: What messages call them.
+        quantity: Name of the values in messages.
         value: One number, numbers of shape (n,), or a mapping from joints and groups to numbers.
-        present: What joints keep that a mapping leaves out, shape (n,).
+        present: Values kept by joints that a mapping does not name, shape (n,).
 
     Raises:
         UnknownNameError: for a name that is neither a joint nor a group.
@@ -173,6 +176,7 @@ def _of_joints(pepper: PepperModel, quantity: str, value: JointValues, present: 
 
 
 def _number(quantity: str, value: object) -> float:
+    """Return a finite number or an infinity as a float."""
     if isinstance(value, (float, np.floating)) and np.isinf(value):
         return float(value)
     return float(as_finite(value, quantity, ()))  # type: ignore[arg-type]
@@ -183,13 +187,13 @@ def _check(pepper: PepperModel, new: Mapping[str, Array]) -> None:
 
     Args:
         pepper: The robot before the change.
-        new: All limits, each of shape (n,): "lower" and "upper" [rad or m], "velocity" [rad/s or m/s],
+        new: New limits, each of shape (n,): "lower" and "upper" [rad or m], "velocity" [rad/s or m/s],
             "acceleration" [rad/s^2 or m/s^2] and "effort" [N m or N].
 
     Raises:
         InvalidValueError: for a lower limit above the upper one, an infinite limit of a joint that is
-            bounded on the other side or that slides, one beyond a turn and the limit before, or another
-            limit that is not above zero, unless the robot had it before.
+            prismatic or bounded on the other side, a position limit beyond a turn and outside the old range,
+            or another limit that is not above zero, unless the robot had it before.
     """
     for j, name in enumerate(pepper.joint_names):
         lower, upper = float(new["lower"][j]), float(new["upper"][j])
@@ -216,7 +220,7 @@ def _check(pepper: PepperModel, new: Mapping[str, Array]) -> None:
             )  # fmt: skip
         for quantity in ("velocity", "acceleration", "effort"):
             value = float(new[quantity][j])
-            # What the description has already, a zero among them, is not refused.
+            # Limits of the description, which may be zero, are not refused.
             if not value > 0 and value != float(getattr(pepper, f"{quantity}_limits")[j]):
                 raise InvalidValueError(
                     f"{quantity} limit of {name}", value, "a number above 0, inf for none"

@@ -18,16 +18,16 @@ from pepper_kin.model.urdf_source import read_source
 
 @dataclass(frozen=True)
 class Difference:
-    """One thing said differently.
+    """One quantity in which two descriptions differ.
 
     Attributes:
         kind: "joint" or "link".
-        name: Which one.
-        quantity: What about it, such as "upper limit"; "presence" where only one robot has it.
-        first: What the first says, as text.
-        second: What the second says, as text.
-        size: How far apart the two are, in the quantity's unit; None where they are not numbers.
-        unit: The unit of `size`.
+        name: Name of the joint or link.
+        quantity: Quantity that differs, such as "upper limit"; "presence" if only one robot has the part.
+        first: Value in the first description, as text.
+        second: Value in the second description, as text.
+        size: Magnitude of the difference, in the quantity's unit; None for values that are not numbers.
+        unit: Unit of `size`.
     """
 
     kind: str
@@ -45,12 +45,11 @@ class Comparison:
 
     Attributes:
         names: The robots' names.
-        same_joints: Number of joints that both have.
-        same_links: Number of links that both have.
-        total_masses: [kg].
-        differences: Joints first, then links.
-        faults: What could not be read of either; the element starts with the robot's place, "first: " or
-            "second: ".
+        same_joints: Number of joints in both descriptions.
+        same_links: Number of links in both descriptions.
+        total_masses: Total mass of each robot [kg].
+        differences: Differences of joints, then of links.
+        faults: Unreadable parts of both descriptions; `where` begins with "first: " or "second: ".
     """
 
     names: tuple[str, str]
@@ -66,7 +65,7 @@ class Comparison:
         return not self.differences and not self.faults
 
     def of(self, name: str) -> tuple[Difference, ...]:
-        """Differences about one joint or link."""
+        """Return the differences of one joint or link."""
         return tuple(item for item in self.differences if item.name == name)
 
     def to_dict(self) -> dict[str, object]:
@@ -99,16 +98,16 @@ def compare(
 ) -> Comparison:
     """Compare two descriptions by the names of their joints and links.
 
-    Compared are, of joints: type, ends, origin, axis, limits and what they follow; of links: mass, center of
-    mass and inertia about it, in link axes.  Visual geometry and collision shapes are not compared.
+    Joints are compared by type, parent, child, origin, axis, limits and mimic element; links by mass, center
+    of mass and inertia about it, in link axes. Visual geometry and collision shapes are not compared.
 
     Args:
         first: A loaded robot, URDF text or path.
-        second: Another.
-        tolerance: Numbers no farther apart than this are equal, in their SI unit.
+        second: Another robot, in one of the same forms.
+        tolerance: Maximum difference of equal numbers, in their SI unit.
 
     Raises:
-        FileFormatError: where a path cannot be read.
+        FileFormatError: for a path that cannot be read.
         ModelError: for a robot whose `pinocchio_model` was changed by hand.
     """
     a, b = read_tolerantly(read_source(first)), read_tolerantly(read_source(second))
@@ -163,17 +162,17 @@ class _Differ:
         """Yield a difference where two arrays of one shape differ in a component by more than the tolerance.
 
         Args:
-            quantity: What they are.
-            a: Of the first model [unit].
-            b: Of the second model [unit].
-            unit: Their unit.
+            quantity: Name of the quantity.
+            a: Values of the first model [unit].
+            b: Values of the second model [unit].
+            unit: Unit of the values.
         """
         size = float(np.abs(a - b).max())
         if size > self.tolerance:
             yield self.item(quantity, _text(a), _text(b), size, unit)
 
     def values(self, quantity: str, a: float | None, b: float | None, unit: str) -> Iterator[Difference]:
-        """Yield a difference where two numbers are further apart, or one is missing."""
+        """Yield a difference where two numbers differ by more than the tolerance, or one is missing."""
         if a is None or b is None:
             if a is not b:
                 yield self.item(quantity, _text(a), _text(b))

@@ -1,4 +1,4 @@
-"""One digest of a robot, and memories of what belongs to it."""
+"""Digest of a robot, and caches that live as long as the robot."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ _NOTHING: dict[Any, Any] = {}
 
 
 def robot_digest(pepper: PepperModel) -> str:
-    """Return a hash of the URDF text, and of the model that `with_pinocchio_model` has put in its place."""
+    """Return a hash of the URDF text and of the model given to `with_pinocchio_model`, if any."""
     return pepper.dynamics_model.digest()
 
 
 class RobotMemory(Generic[Key, Value]):
-    """A dictionary for each robot.
+    """Dictionary for each robot.
 
-    The dictionaries are attributes of the robots: one that is no longer used takes what was kept for it
-    along, also where that refers to the robot.
+    The dictionaries are attributes of the robots: a robot that is no longer used is freed with its cached
+    values, even values that refer to the robot.
     """
 
     def of(self, pepper: PepperModel) -> OrderedDict[Key, Value]:
@@ -41,14 +41,14 @@ def kept_for_robot(
     [Callable[Concatenate[PepperModel, Arguments], Value]],
     Callable[Concatenate[PepperModel, Arguments], Value],
 ]:
-    """Keep what a function returns for a robot as it is, and other arguments, which can be hashed.
+    """Cache a function's results by robot and by its other arguments, which must be hashable.
 
-    What was asked for longest ago is forgotten first; one result is always kept.
+    The least recently used result is dropped first; one result is always kept.
 
     Args:
-        most: Number of results that are kept for each robot.
-        most_bytes: Size of all results that are kept for each robot [bytes].
-        size_of: Returns the size of a result [bytes].
+        most: Maximum number of cached results of each robot.
+        most_bytes: Maximum size of all cached results of each robot [bytes].
+        size_of: Function that returns the size of a result [bytes].
     """
 
     def decorate(build: Callable[..., Value]) -> Callable[..., Value]:
@@ -58,7 +58,7 @@ def kept_for_robot(
         @wraps(build)
         def call(pepper: PepperModel, *arguments: Hashable) -> Value:
             known = getattr(pepper, "kept", _NOTHING).get(memory)
-            if known is None:  # a first call, or no robot, which `of` refuses
+            if known is None:  # a first call, or an argument that is not a robot, for which `of` raises
                 known = memory.of(pepper)
             with lock:
                 if arguments in known:
@@ -79,7 +79,7 @@ def kept_for_robot(
 
 
 def once_for_robot(build: Callable[[PepperModel], Value]) -> Callable[[PepperModel], Value]:
-    """Keep what a function returns for a robot, which is its only argument; looked up without a lock."""
+    """Cache the result of a function whose only argument is a robot; look-ups take no lock."""
 
     @wraps(build)
     def call(pepper: PepperModel) -> Value:

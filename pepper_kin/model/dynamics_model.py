@@ -1,4 +1,4 @@
-"""Pinocchio's model of a robot, built when it is first asked for."""
+"""Pinocchio's model of a robot, built at its first use."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ if TYPE_CHECKING:
 plain_urdf = lazy_module("pepper_kin.model.plain_urdf")
 
 MOST_COMPUTED = 300
-"""Moving joints that Pinocchio can compute with: for so many its working memory takes 0.9 GB."""
+"""Maximum number of moving joints that Pinocchio computes with: its working memory then takes 0.9 GB."""
 
 
 def working_memory(model: Any) -> Any:
     """Return a `pinocchio.Data`, which holds four arrays of n^3 numbers (second derivatives of torques).
 
     Raises:
-        ModelError: for more than MOST_COMPUTED moving joints, naming what they would take.
+        ModelError: for more than MOST_COMPUTED moving joints, with the memory they would take.
     """
     if model.nv > MOST_COMPUTED:
         size = 32e-9 * model.nv**3
@@ -36,14 +36,14 @@ def working_memory(model: Any) -> Any:
 
 
 class DynamicsModel:
-    """Builds `pinocchio.Model` of a checked document once, unless another one takes its place.
+    """`pinocchio.Model` of a checked document, built once, or a given model in its place.
 
     Importing Pinocchio takes longer than reading the description, and many programs do without it.
 
     Args:
         document: The robot.
-        joint_names: All moving joints, those that follow others included, in Pinocchio's order.
-        changed: A model to use in place of that of the document, if there is one, which nobody changes.
+        joint_names: All moving joints, following joints included, in Pinocchio's order.
+        changed: Model to use instead of the document's, which must not be changed afterwards; or None.
     """
 
     def __init__(
@@ -55,10 +55,10 @@ class DynamicsModel:
         self._digest = ""
 
     def get(self) -> Any:
-        """Return the model to read it; all callers share it.
+        """Return the model, which all callers share and must not change.
 
         Raises:
-            ModelError: where Pinocchio refuses the document.
+            ModelError: if Pinocchio refuses the document.
         """
         if self._model is None:
             with self._lock:
@@ -67,17 +67,18 @@ class DynamicsModel:
         return self._model
 
     def changed(self) -> Any | None:
-        """Return the model that takes the place of that of the document, or None."""
+        """Return the model that replaces the document's, or None."""
         return self._changed
 
     def digest(self) -> str:
-        """Return a hash of the document, and of the model that takes its place."""
+        """Return a hash of the document and of the model that replaces its own, if any."""
         if not self._digest:
             own = "" if self._changed is None else f"\n{self._changed.saveToString()}"
             self._digest = _hash(f"{self._document.text}{own}")
         return self._digest
 
     def _build(self) -> Any:
+        """Build Pinocchio's model of the document and check the order of its joints."""
         import pinocchio
 
         name = self._document.name
@@ -94,10 +95,10 @@ class DynamicsModel:
 
 
 def described(pepper: PepperModel) -> None:
-    """Refuse a robot whose description does not hold all there is to know of it.
+    """Refuse a robot whose Pinocchio model differs from its description.
 
     Raises:
-        ModelError: where it was given another model by `with_pinocchio_model`.
+        ModelError: for a robot made by `with_pinocchio_model`.
     """
     if pepper.dynamics_model.changed() is not None:
         raise ModelError(
@@ -107,6 +108,6 @@ def described(pepper: PepperModel) -> None:
 
 
 def _hash(text: str) -> str:
-    import hashlib  # loads OpenSSL: not to be waited for where nothing is compiled
+    import hashlib  # loads OpenSSL, which is slow: imported only if a hash is needed
 
     return hashlib.sha256(text.encode()).hexdigest()

@@ -4,7 +4,7 @@ After a change of `urdf/xacro`, write the texts again:
 
     python -m pepper_kin.model.expanded_urdf
 
-Texts that were made from other sources than those beside them are not used.
+Texts are used only if the checksum beside them is the checksum of the present sources.
 """
 
 from __future__ import annotations
@@ -38,11 +38,11 @@ def expand(**arguments: str) -> str:
     text = str(xacro.process_file(source, mappings=arguments).toprettyxml(indent="  "))
     return text.replace(
         source, "pepper.urdf.xacro", 1
-    )  # in a comment: the text is the same wherever it is made
+    )  # in a comment: without the path, the text is the same on every machine
 
 
 def expanded(base: str, hands: str) -> str | None:
-    """Return the text that was expanded ahead, or None where there is none of the sources as they are."""
+    """Return the text expanded ahead of time, or None if it is missing or the sources have changed."""
     folder = urdf_folder() / "expanded"
     try:
         if (folder / _CHECKSUM).read_text(encoding="ascii").strip() != sources_checksum():
@@ -53,7 +53,7 @@ def expanded(base: str, hands: str) -> str | None:
 
 
 def sources_checksum() -> str:
-    """Return a checksum of all xacro sources, whatever ends their lines; `hashlib` takes 6 ms to import."""
+    """Return a CRC-32 of all xacro sources, independent of line endings; `hashlib` takes 6 ms to import."""
     checksum = 0
     for path in sorted((urdf_folder() / "xacro").glob("*.xacro")):
         content = path.read_bytes().replace(b"\r\n", b"\n")

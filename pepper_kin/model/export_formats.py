@@ -1,4 +1,4 @@
-"""The robot in the words of other programs."""
+"""Export of the robot to the file formats of other programs."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ FORMATS = ("urdf", "srdf", "sdf", "mjcf")
 
 
 class ExportOptions(TypedDict, total=False):
-    """Options of `export`."""
+    """Keyword arguments of `export`."""
 
     mesh_paths: str | None
     zero_inertials: bool
@@ -36,32 +36,33 @@ def export(
 ) -> str:
     """Return the robot as the text of a file.
 
-    All formats describe the same kinematics, masses, limits and friction of joints; see the page on the
-    description for what each cannot say.  With `mesh_paths="relative"` the files that `mesh_files` lists must
-    be copied beside the text.
+    All formats describe the same kinematics, masses, limits and friction of joints; the page on the
+    description lists the limits of each format.  With `mesh_paths="relative"` the files that `mesh_files`
+    lists must be copied beside the text.
 
     Args:
         pepper: The robot.
         format: "urdf", "srdf", "sdf" or "mjcf".
-        mesh_paths: How meshes are named: "package" (default of URDF; not in MJCF, which has no packages),
+        mesh_paths: Names of mesh files: "package" (default of URDF; not in MJCF, which has no packages),
             "absolute" (default of SDF and MJCF) or "relative" (`meshes/NAME` beside the text).
-        zero_inertials: URDF only: write masses of zero into links without mass, for PyBullet.
-        balance_inertias: SDF and MJCF only, which refuse inertias that no body has: add what is missing to
-            their principal moments, with a warning that names link and amount.
+        zero_inertials: Whether to write masses of zero into links without mass, for PyBullet; URDF only.
+        balance_inertias: Whether to raise the principal moments of inertias that no body can have, which SDF
+            and MJCF refuse, until they are possible, with a warning that names link and amount; SDF and MJCF
+            only.
 
     Returns:
-        The text.
+        Text of the file.
 
     Raises:
-        InvalidValueError: for another format or mesh_paths, or zero_inertials or balance_inertias where it
-            has no meaning.
-        ModelError: naming what the format cannot hold: inertias that no body has, reserved names; for a chain
-            of joints that is too long for a format whose bodies hold one another, and for a robot whose
-            `pinocchio_model` was changed by hand, which only an SRDF does not speak of.
+        InvalidValueError: for another format or mesh_paths, or for zero_inertials or balance_inertias with a
+            format that does not have it.
+        ModelError: naming contents that the format cannot hold: inertias that no body can have, reserved
+            names; for a chain of joints that is too long for a format with nested bodies; and, except for
+            SRDF, for a robot whose `pinocchio_model` was changed by hand.
 
     Warns:
-        ModelWarning: naming each mesh that MuJoCo cannot read, whose shape is left out of an MJCF, and what
-            `balance_inertias` has added.
+        ModelWarning: naming each mesh that MuJoCo cannot read, whose shape is left out of an MJCF, and the
+            amounts that `balance_inertias` added.
     """
     check_choice("format", format, FORMATS)
     try:
@@ -74,6 +75,7 @@ def export(
 def _text(
     pepper: PepperModel, format: str, mesh_paths: str | None, zero_inertials: bool, balance: bool
 ) -> str:
+    """Return the text of a format, with the format's default of `mesh_paths`."""
     if zero_inertials and format != "urdf":
         raise InvalidValueError("zero_inertials", "True", "False: only URDF leaves the mass of a link out")
     if balance and format not in ("sdf", "mjcf"):

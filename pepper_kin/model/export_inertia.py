@@ -1,4 +1,4 @@
-"""Inertias that other engines load: those of bodies that can exist."""
+"""Inertias of bodies that can exist, as physics engines require."""
 
 from __future__ import annotations
 
@@ -12,24 +12,26 @@ from pepper_kin.exceptions import ModelError, ModelWarning
 from pepper_kin.model.kinematic_tree import ROUNDING, KinematicTree, TreeBody, impossible_inertia
 
 TINY_MASS, TINY_INERTIA = 1e-12, 1e-9
-"""Of a body that moves without mass, which MuJoCo and SDF do not allow [kg], [kg m^2]."""
+"""Mass [kg] and principal moments [kg m^2] of a moving body without mass, which MuJoCo and SDF do not
+allow."""
 _SMALLEST = 1e-9
-"""Smallest principal moment, in proportion to the largest: a rod's is 0, which rounding may make negative."""
+"""Minimum ratio of the smallest principal moment to the largest: a rod's is 0, and rounding may make it
+negative."""
 
 
 def loadable_bodies(tree: KinematicTree, format: str, balance: bool = False) -> dict[str, TreeBody]:
     """Return bodies whose principal moments A <= B <= C are above zero and keep A + B >= C, by link.
 
-    What is missing is added to all three moments.  Up to 1e-9 kg m^2 (points and rods) or 1e-6 C (rounded
-    digits) that is done for every robot.
+    An amount that makes an inertia possible is added to all three moments. Amounts up to 1e-9 kg m^2 (points
+    and rods) or 2e-6 C (rounded digits) are added for every robot.
 
     Args:
-        tree: The robot's.
-        format: Of the export, for messages.
-        balance: Whether more than that is added, with a warning for each link.
+        tree: Tree of the robot.
+        format: Name of the export format, for messages.
+        balance: Whether larger amounts are added too, with a warning for each link.
 
     Raises:
-        ModelError: naming all links that need more, unless `balance` is set.
+        ModelError: naming all links that need a larger amount, unless `balance` is set.
 
     Warns:
         ModelWarning: naming link and amount, with `balance`.

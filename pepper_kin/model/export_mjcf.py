@@ -28,10 +28,10 @@ if TYPE_CHECKING:
     from pepper_kin.model.pepper_model import PepperModel
 
 LEADER_INERTIA = 3e-7
-"""Of a body that moves without mass and leads others [kg m^2].
+"""Principal moments of a moving body without mass whose joint leads others [kg m^2].
 
-MuJoCo softens a constraint in proportion to the larger of the two sides' mobility, so the fingers of a
-lighter leader would sag; a heavier one would show in the mass matrix (tolerance 1e-6).
+MuJoCo softens a constraint in proportion to the larger of the two sides' mobility, so the fingers of a leader
+with a smaller inertia would sag; a larger inertia would show in the mass matrix (tolerance 1e-6).
 """
 VISUAL_GROUP, COLLISION_GROUP = "2", "3"
 
@@ -41,21 +41,21 @@ def mjcf_text(
 ) -> str:
     """Return the robot as an MJCF text.
 
-    Links with shapes, mass or a moving joint become bodies, the other frames sites; both keep their names.
+    Links with shapes, mass or a moving joint become bodies, other frames become sites; both keep their names.
     The root link is the world.  Joints have MuJoCo's limits, damping and friction, mimic joints equality
     constraints, and every coordinate an actuator (see `mjcf_drive`).  Visual meshes are in geom group 2 and
-    touch nothing; collision shapes are in group 3, with an <exclude> for each pair of bodies that the SRDF
-    disables.  Wheels touch nothing: they have no coordinate, and the base moves by its own joints.  Meshes
+    have no contacts; collision shapes are in group 3, with an <exclude> for each pair of bodies that the SRDF
+    disables.  Wheels have no contacts: they have no coordinate, and the base moves by its own joints. Meshes
     that MuJoCo cannot read are left out, with a warning and a comment.
 
     Args:
         pepper: The robot.
         mesh_paths: "absolute" or "relative".
         floor: Whether to add a plane at z = 0, a light and the ground's texture.
-        balance_inertias: See `export_inertia.loadable_bodies`.
+        balance_inertias: Whether to make impossible inertias possible, see `export_inertia.loadable_bodies`.
 
     Raises:
-        ModelError: for inertias that no body has, or a link "world" that hangs on another.
+        ModelError: for inertias that no body can have, or a link "world" that is not the root.
 
     Warns:
         ModelWarning: naming link, file and reason of each shape that is left out.
@@ -87,6 +87,7 @@ def mjcf_text(
 
 
 def _add_floor(asset: ET.Element, world: ET.Element) -> None:
+    """Add a plane at z = 0, its texture and material, and a light."""
     child(
         asset, "texture", name="floor", type="2d", builtin="checker", width="300", height="300",
         rgb1="0.82 0.84 0.86", rgb2="0.72 0.75 0.78",
@@ -97,7 +98,7 @@ def _add_floor(asset: ET.Element, world: ET.Element) -> None:
 
 
 class _MjcfWriter:
-    """Writes bodies, joints, geoms and sites."""
+    """Writer of bodies, joints, geoms and sites."""
 
     def __init__(self, pepper: PepperModel, tree: KinematicTree, mesh_name: Callable[[Path], str]) -> None:
         self.pepper, self.tree, self.mesh_name = pepper, tree, mesh_name
@@ -141,13 +142,13 @@ class _MjcfWriter:
     def _link(
         self, element: ET.Element, placed: PlacedJoint, pose: NDArray[np.float64], carrier: str
     ) -> None:
-        """Write the child link of a joint: as a body, or into its parent's body where it needs none.
+        """Write the child link of a joint as a body, or into its parent's body if it needs none.
 
         Args:
             element: The element of the parent's body.
-            placed: The joint.
-            pose: Pose of the parent link in that body's frame [m], shape (4, 4).
-            carrier: Name of that body.
+            placed: The joint with its placement.
+            pose: Pose of the parent link in the frame of the parent's body [m], shape (4, 4).
+            carrier: Name of the parent's body.
         """
         link, moving = placed.joint.child, placed.joint.type != "fixed"
         here = pose @ placed.transform_child_to_parent
@@ -162,6 +163,7 @@ class _MjcfWriter:
         self._contents(body, link, np.eye(4), link)
 
     def _joint(self, body: ET.Element, placed: PlacedJoint) -> None:
+        """Write a joint into its body, with limits, damping, friction and torque limit."""
         joint = placed.joint
         attributes = {"range": interval(joint.lower, joint.upper)} if math.isfinite(joint.upper) else {}
         damping = joint.damping
@@ -182,6 +184,7 @@ class _MjcfWriter:
         self.joint_order.append(joint.name)
 
     def _inertial(self, element: ET.Element, link: str, moving: bool) -> None:
+        """Write the inertia of a link, or a tiny one for a moving link without mass."""
         body = self.tree.bodies.get(link)
         if body is not None:
             i = body.inertia
@@ -208,7 +211,7 @@ class _MjcfWriter:
             shape: The shape.
             pose: Pose of the link in the body's frame [m], shape (4, 4).
             group: VISUAL_GROUP or COLLISION_GROUP.
-            index: Number of the shape among the link's shapes of the group, for its name.
+            index: Index of the shape among the link's shapes of the group, for its name.
         """
         kind = "visual" if group == VISUAL_GROUP else "collision"
         attributes = self._size(shape, kind)
@@ -223,6 +226,7 @@ class _MjcfWriter:
         )  # fmt: skip
 
     def _size(self, shape: Shape, kind: str) -> dict[str, str]:
+        """Return the attributes of a shape's type and size; empty for a mesh that MuJoCo cannot read."""
         geometry = shape.geometry
         if isinstance(geometry, Mesh):
             reason = why_unreadable(geometry, kind == "collision")

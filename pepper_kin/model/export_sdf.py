@@ -26,24 +26,24 @@ if TYPE_CHECKING:
     from pepper_kin.model.pepper_model import PepperModel
 
 RESERVED = re.compile(r"world|__.*__|.*::.*")
-"""Names of models, links, joints and frames that SDF keeps for itself."""
+"""Names that SDF reserves: no model, link, joint or frame may have them."""
 
 
 def sdf_text(pepper: PepperModel, mesh_paths: str = "absolute", balance_inertias: bool = False) -> str:
     """Return the robot as an SDF text.
 
     Links with mass and links that move become links; a fixed link without mass becomes a frame of the link
-    that carries it, which also takes its shapes.  The model's frame is the root link's.  A link that moves
-    without mass gets 1e-12 kg and 1e-9 kg m^2.  The version is 1.9, or 1.11 where joints mimic others,
-    because earlier ones have no word for it.
+    that carries it, which also takes its shapes. The model's frame is the root link's. A moving link without
+    mass gets 1e-12 kg and 1e-9 kg m^2. The version is 1.9, or 1.11 for robots with mimic joints, which
+    earlier versions lack.
 
     Args:
         pepper: The robot.
         mesh_paths: "package" (as `model://`), "absolute" or "relative".
-        balance_inertias: See `export_inertia.loadable_bodies`.
+        balance_inertias: Whether to make impossible inertias possible, see `export_inertia.loadable_bodies`.
 
     Raises:
-        ModelError: for inertias that no body has, or a name that SDF reserves.
+        ModelError: for inertias that no body can have, or a name that SDF reserves.
 
     Warns:
         ModelWarning: with `balance_inertias`, naming link and amount.
@@ -59,6 +59,7 @@ def sdf_text(pepper: PepperModel, mesh_paths: str = "absolute", balance_inertias
 
 
 def _refuse_reserved_names(pepper: PepperModel) -> None:
+    """Refuse a robot whose name, links or joints have names that SDF reserves."""
     joints = [joint.name for joint in pepper.document.joints if joint.type != "fixed"]
     root = pepper.document.root
     links = [link for link in pepper.link_names if (link, root) != ("world", "world")]
@@ -70,7 +71,7 @@ def _refuse_reserved_names(pepper: PepperModel) -> None:
 
 
 class _SdfWriter:
-    """Writes one model element."""
+    """Writer of one model element."""
 
     def __init__(self, pepper: PepperModel, tree: KinematicTree, mesh_name: Callable[[Path], str]) -> None:
         self.pepper, self.tree, self.mesh_name = pepper, tree, mesh_name
@@ -90,7 +91,7 @@ class _SdfWriter:
         self.names = {joint.name: self._free(joint.name, "_joint") for joint in pepper.document.joints}
 
     def _moves(self, link: str) -> bool:
-        """Whether a joint that moves stands between a link and the root."""
+        """Whether a moving joint is between a link and the root."""
         while link in self.tree.joints:
             joint = self.tree.joints[link].joint
             if joint.type != "fixed":
@@ -99,14 +100,14 @@ class _SdfWriter:
         return False
 
     def _free(self, name: str, ending: str) -> str:
-        """Return a name that nothing in the model has, and take it: links, joints and frames share them."""
+        """Reserve and return an unused name: links, joints and frames share one namespace."""
         while name in self.taken:
             name += ending
         self.taken.add(name)
         return name
 
     def carrier(self, link: str) -> tuple[str | None, NDArray[np.float64]]:
-        """Return the SDF link that carries a URDF link (None: the model) and the pose in it."""
+        """Return the SDF link that carries a URDF link (None: the model) and the URDF link's pose in it."""
         pose = np.eye(4)
         while not self.is_link[link]:
             placed = self.tree.joints.get(link)
@@ -116,7 +117,7 @@ class _SdfWriter:
         return link, pose
 
     def model(self) -> ET.Element:
-        """Write everything."""
+        """Return the element of the model with all links, joints and frames."""
         model = ET.Element("model", name=self.pepper.name)
         shapes: dict[str, list[tuple[str, Shape]]] = {}
         for kind, those in (
@@ -156,9 +157,9 @@ class _SdfWriter:
 
         Args:
             model: The element of the model.
-            placed: The joint.
-            parent: Its parent link in SDF, or "world".
-            link: Its child link.
+            placed: The joint with its placement.
+            parent: Parent link in SDF, or "world".
+            link: Child link.
             pose: Pose of the child link, which is the joint's frame, in the parent's frame [m], shape (4, 4).
         """
         joint = placed.joint
@@ -203,9 +204,9 @@ class _SdfWriter:
         Args:
             model: The element of the model.
             name: Name of the joint.
-            kind: Its type in SDF.
-            parent: Its parent link, or "world".
-            link: Its child link.
+            kind: Type of the joint in SDF.
+            parent: Parent link, or "world".
+            link: Child link.
             pose: Pose of the joint's frame in the parent's frame [m], shape (4, 4); None to leave it out.
         """
         element = child(model, "joint", name=name, type=kind)
@@ -216,6 +217,7 @@ class _SdfWriter:
         return element
 
     def _inertial(self, element: ET.Element, link: str) -> None:
+        """Write the inertia of a link, or a tiny one for a moving link without mass."""
         inertial = child(element, "inertial")
         body = self.tree.bodies.get(link)
         inertia = np.eye(3) * TINY_INERTIA if body is None else body.inertia
@@ -227,6 +229,7 @@ class _SdfWriter:
             child(tensor, f"i{'xyz'[row]}{'xyz'[column]}", number(inertia[row, column]))
 
     def _shape(self, element: ET.Element, kind: str, shape: Shape) -> None:
+        """Write a visual or collision shape into the element of its SDF link."""
         _, pose = self.carrier(shape.link)
         name = shape.name if self.link[shape.link] == element.get("name") else f"{shape.link}_{shape.name}"
         name = name.replace("::", "_")
@@ -241,6 +244,7 @@ class _SdfWriter:
                 child(material, tag, numbers(shape.color))
 
     def _geometry(self, element: ET.Element, geometry: Geometry) -> None:
+        """Write the element of a geometry's type with its size."""
         if isinstance(geometry, Box):
             child(child(element, "box"), "size", numbers(geometry.size))
         elif isinstance(geometry, Sphere):

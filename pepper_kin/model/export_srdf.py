@@ -14,11 +14,11 @@ MOVEIT_REASONS = ("Adjacent", "Always", "Default", "Never", "User")
 
 
 def srdf_text(pepper: PepperModel) -> str:
-    """Return an SRDF text that names only joints and links which this robot has.
+    """Return an SRDF text that names only joints and links of this robot.
 
-    The text that the robot was loaded with is kept, its groups' chains included, less what speaks of fingers
-    that are locked or of a base that does not move; states name only joints that have a coordinate, and only
-    joints that follow others are passive.  A pair of links whose reason is not one of MoveIt's gets "User".
+    The text that the robot was loaded with is kept, chains of groups included, without elements for locked
+    fingers or a base that does not move; states name only joints that have a coordinate, and only following
+    joints are passive. A pair of links whose reason is not one of MoveIt's gets "User".
     """
     root = pepper.semantics.copied_tree() if pepper.semantics.text else _from_fields(pepper)
     root.set("name", pepper.name)
@@ -48,7 +48,7 @@ def srdf_text(pepper: PepperModel) -> str:
 
 
 def _drop_empty(root: ET.Element) -> None:
-    """Remove groups without members, and what refers to them, until nothing is left to remove."""
+    """Remove groups without members and all references to them, until no empty group is left."""
     while True:
         empty = {group.get("name") for group in root.findall("group") if len(group) == 0}
         if not empty:
@@ -70,6 +70,7 @@ def _drop_empty(root: ET.Element) -> None:
 
 
 def _from_fields(pepper: PepperModel) -> ET.Element:
+    """Return the tree of an SRDF with the groups, states and disabled pairs of a robot without SRDF text."""
     root = ET.Element("robot")
     for name, joints in pepper.semantics.groups.items():
         group = child(root, "group", name=name)

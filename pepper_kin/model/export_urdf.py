@@ -1,4 +1,4 @@
-"""The robot as URDF, with its meshes named for another place."""
+"""The robot as URDF, with mesh names for the exported file."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ def urdf_text(pepper: PepperModel, mesh_paths: str = "package", zero_inertials: 
     """Return the robot as a URDF text of version 1.0.
 
     A capsule, which only version 1.2 has, becomes a cylinder NAME_shaft and two spheres NAME_start and
-    NAME_end; `load_robot` joins those of collision shapes again.
+    NAME_end; `load_robot` joins the three parts of a collision shape again.
 
     Args:
         pepper: The robot.
-        mesh_paths: "package" (names as they are), "absolute" or "relative".
-        zero_inertials: Whether to write a mass of zero into links that have none.  Most programs read an
+        mesh_paths: "package" (names unchanged), "absolute" or "relative".
+        zero_inertials: Whether to write a mass of zero into links without <inertial>. Most programs read an
             absent <inertial> as no mass; PyBullet reads it as 1 kg, which adds 64 kg to Pepper's sensors.
     """
     name = mesh_namer(pepper.document, mesh_paths)
@@ -38,7 +38,7 @@ def urdf_text(pepper: PepperModel, mesh_paths: str = "package", zero_inertials: 
     _replace_capsules(root)
     for mesh in root.iterfind("link/*/geometry/mesh"):
         path = files.get(mesh.get("filename", ""))
-        if path is not None:  # a second geometry of a shape is not read
+        if path is not None:  # None for a second geometry of a shape, which is not read
             mesh.set("filename", name(path))
     if zero_inertials:
         for link in root.findall("link"):
@@ -50,7 +50,7 @@ def urdf_text(pepper: PepperModel, mesh_paths: str = "package", zero_inertials: 
 
 
 def _replace_capsules(root: ET.Element) -> None:
-    """Write capsules as a cylinder and two spheres, in place."""
+    """Replace capsules by a cylinder and two spheres, in place."""
     for link in root.findall("link"):
         for kind in ("visual", "collision"):
             for index, shape in enumerate(link.findall(kind)):

@@ -1,4 +1,4 @@
-"""Limits of coordinates that others follow: the limits of the followers count too."""
+"""Limits of coordinates with following joints, whose limits count too."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 ROUNDED = 1e-6
-"""How far limits of a leader and its follower may differ, as a share of them: rounding of a text."""
+"""Relative difference of a leader's and its follower's limits that rounding of a text explains."""
 
 
 def coupled_limits(joints: list[Joint], full_map: Array, offset: Array) -> dict[str, Array]:
-    """Return the limits of all coordinates, those of the joints that follow them included, shape (n,) each.
+    """Return the limits of all coordinates, narrowed by the limits of following joints, shape (n,) each.
 
-    A joint of q_full = E q + e stays within [l, u] where its coordinate is between (l - e) / E and
-    (u - e) / E, in ascending order; its velocity and acceleration stay within v and a where those of the
-    coordinate are at most v / |E| and a / |E|.  What differs by rounding alone changes nothing.  A follower
-    with a multiplier of zero stands still, and binds nothing.
+    A joint of q_full = E q + e stays within [l, u] if its coordinate is between (l - e) / E and (u - e) / E,
+    in ascending order; its velocity and acceleration stay within v and a if the coordinate's velocity and
+    acceleration are at most v / |E| and a / |E|. Differences by rounding alone change no limit. A follower
+    with a multiplier of zero does not move, and narrows no limit.
 
     Args:
         joints: All moving joints, in the order of q_full.
@@ -35,13 +35,13 @@ def coupled_limits(joints: list[Joint], full_map: Array, offset: Array) -> dict[
 
     Returns:
         "lower" and "upper" [rad or m], "velocity" and "acceleration" [rad/s or m/s, and per second], and
-        "effort" [N m or N], that of the leading joints: it bounds what an actuator gives, and a follower has
-        none; what moves it comes through the coupling, as in Pinocchio's mimic joints, whose effort limits
-        have one entry per coordinate, and in MuJoCo, where `actuatorfrcrange` bounds actuators alone.
+        "effort" [N m or N], the effort limits of the leading joints: an effort limit bounds an actuator, and
+        a follower has none, since the coupling moves it. Pinocchio's mimic joints have one effort limit per
+        coordinate as well, and MuJoCo's `actuatorfrcrange` bounds actuators only.
 
     Raises:
-        ModelError: where the limits of a joint and those of its followers exclude each other, or a follower
-            with a multiplier of zero stands beyond its limits.
+        ModelError: if the limits of a joint and of its followers exclude each other, or a follower with a
+            multiplier of zero is outside its limits.
     """
     names = ("lower", "upper", "velocity", "acceleration", "effort")
     leading = [row for row, joint in enumerate(joints) if joint.mimic is None]
@@ -77,7 +77,7 @@ def coupled_limits(joints: list[Joint], full_map: Array, offset: Array) -> dict[
 
 
 def _refuse_outside(joint: Joint, position: float) -> None:
-    """Refuse a joint that stands still beyond its limits."""
+    """Refuse a joint that does not move and whose position is outside its limits."""
     if not joint.lower - ROUNDED <= position <= joint.upper + ROUNDED:
         raise ModelError(
             f"URDF: joint {joint.name} follows with the factor 0 and stands at {position:g}, "
@@ -86,11 +86,11 @@ def _refuse_outside(joint: Joint, position: float) -> None:
 
 
 def warn_of_followers(pepper: PepperModel) -> None:
-    """Say which limits of coordinates are those of joints that follow them, and not their own.
+    """Warn of coordinates whose limits are narrowed by following joints.
 
     Warns:
         ModelWarning: naming the coordinate, its followers, and each limit before and after; and a coordinate
-            without an effort limit whose followers have one, which binds nothing.
+            without an effort limit whose followers have one, which is not used.
     """
     joints = {joint.name: joint for joint in pepper.document.joints}
     for column, name in enumerate(pepper.joint_names):
@@ -111,7 +111,7 @@ def warn_of_followers(pepper: PepperModel) -> None:
 
 
 def followers_of(pepper: PepperModel, name: str) -> str:
-    """Return the joints that follow a coordinate, as text: "the limits of A, B, which follow it,"."""
+    """Return the joints that follow a coordinate as text, such as "the limits of A, B, which follow it,"."""
     return f"the limits of {', '.join(_followers(pepper, name))}, which follow it,"
 
 

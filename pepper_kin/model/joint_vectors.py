@@ -18,11 +18,11 @@ if TYPE_CHECKING:
 
 
 MOST = 1e9
-"""Largest magnitude of a position, velocity, acceleration or torque [rad, m, ..., N m or N].
+"""Maximum magnitude of a position, velocity, acceleration or torque [rad, m, ..., N m or N].
 
 Sines of larger angles have lost half of their digits, and products of far larger numbers overflow.
 """
-_MOST_TURNS = 100  # of a joint, until one that follows it stands as before
+_MOST_TURNS = 100  # maximum number of turns of a joint until its followers are back at their positions
 
 
 def as_finite(
@@ -31,16 +31,16 @@ def as_finite(
     """Convert to an array of finite floats of a given shape.
 
     Args:
-        value: Array-like of numbers; truth values and texts are none.
+        value: Array-like of numbers; truth values and texts are refused.
         quantity: Name for the message.
         shape: Expected shape; None stands for any length.
-        most: Largest magnitude allowed.
+        most: Maximum magnitude allowed.
 
     Returns:
         The array (a view where no conversion was needed).
 
     Raises:
-        InvalidValueError: naming the quantity and what is wrong.
+        InvalidValueError: naming the quantity and the fault.
     """
     array = _of_shape(value, quantity, shape)
     if not np.isfinite(array).all():
@@ -65,7 +65,7 @@ def as_numbers(
         shape: Expected shape; None stands for any length, or any shape.
 
     Raises:
-        InvalidValueError: naming the quantity and what is wrong; for NaN too.
+        InvalidValueError: naming the quantity and the fault; for NaN too.
     """
     array = _of_shape(value, quantity, shape)
     if np.isnan(array).any():
@@ -74,7 +74,7 @@ def as_numbers(
 
 
 def _of_shape(value: ArrayLike, quantity: str, shape: tuple[int | None, ...] | None) -> NDArray[np.float64]:
-    """Return numbers as an array of a shape, as `as_finite` does, whatever they are."""
+    """Return numbers, which may be NaN or infinite, as an array of the expected shape (None: any)."""
     try:
         array = _as_floats(value)
     except (TypeError, ValueError, OverflowError, RecursionError, RuntimeError) as error:
@@ -90,10 +90,10 @@ def _of_shape(value: ArrayLike, quantity: str, shape: tuple[int | None, ...] | N
 
 
 def shown(value: object) -> str:
-    """Return a value for a message, texts in quotes; what cannot be written is named by its type."""
+    """Return a value for a message, texts in quotes; a value that is too long is named by its type."""
     try:
         return repr(value)
-    except (ValueError, RecursionError):  # whole numbers of thousands of digits, lists without end
+    except (ValueError, RecursionError):  # integers of thousands of digits, lists that contain themselves
         return f"a value of type {type(value).__name__} that is too long to be shown"
 
 
@@ -106,10 +106,10 @@ def as_batch(
         value: Array-like of numbers, shape (..., *shape).
         quantity: Name for the message.
         shape: Expected shape of the last axes; None stands for any length.
-        most: Largest magnitude allowed.
+        most: Maximum magnitude allowed.
 
     Raises:
-        InvalidValueError: naming the quantity and what is wrong.
+        InvalidValueError: naming the quantity and the fault.
     """
     try:
         leading = max(np.ndim(value) - len(shape), 0)
@@ -147,7 +147,7 @@ def _as_floats(value: ArrayLike) -> NDArray[np.float64]:
 
 
 def _holds_truth(value: list[Any] | tuple[Any, ...]) -> bool:
-    """Whether a truth value stands among the numbers of nested lists, where NumPy takes it for one."""
+    """Whether nested lists of numbers hold a truth value, which NumPy would convert to a number."""
     kinds = set(map(type, value))
     if bool in kinds or np.bool_ in kinds:
         return True
@@ -160,10 +160,10 @@ def _holds_truth(value: list[Any] | tuple[Any, ...]) -> bool:
 
 
 def refuse_degrees(angles: ArrayLike, quantity: str) -> None:
-    """Refuse angles of more than a whole turn [rad], as degrees are.
+    """Refuse angles of more than a whole turn [rad], which are probably degrees.
 
     Raises:
-        InvalidValueError: with the greatest of them.
+        InvalidValueError: with the largest magnitude of the angles.
     """
     greatest = float(np.abs(np.asarray(angles, float)).max(initial=0.0))
     if question := suspect_degrees(greatest):
@@ -171,17 +171,17 @@ def refuse_degrees(angles: ArrayLike, quantity: str) -> None:
 
 
 def _gradient_advice(value: object) -> str:
-    """Return what to do with a tensor that carries a gradient, which NumPy refuses; empty for others."""
+    """Return advice for a tensor with a gradient, which NumPy refuses; empty for other values."""
     return "; of a tensor with gradient, its detach()" if getattr(value, "requires_grad", False) else ""
 
 
 def _in_order(pepper: PepperModel, value: Any, quantity: str) -> Any:
     """Return labeled numbers, such as a pandas Series or DataFrame, in the order of the robot's joints.
 
-    Labels that are numbers from 0 name nothing: such values are taken by place.
+    Values whose labels are not texts are taken in their order.
 
     Raises:
-        InvalidValueError: for other labels than the robot's joints.
+        InvalidValueError: for labels other than the robot's joints.
     """
     if type(value).__module__.partition(".")[0] != "pandas":
         return value
@@ -208,7 +208,7 @@ def as_joint_vectors(pepper: PepperModel, value: ArrayLike, quantity: str) -> ND
     Raises:
         InvalidValueError: for a wrong length, or naming the joint that is NaN, infinite or beyond MOST.
     """
-    # One vector of floats is the usual case; a large sum of squares is looked at below.
+    # One vector of floats is the usual case; a large sum of squares is checked below.
     if (
         type(value) is np.ndarray
         and value.dtype == np.float64
@@ -237,10 +237,10 @@ def as_joint_vectors(pepper: PepperModel, value: ArrayLike, quantity: str) -> ND
 
 
 def as_joint_vector(pepper: PepperModel, value: ArrayLike, quantity: str) -> NDArray[np.float64]:
-    """Convert to one joint vector, shape (n,), as `as_joint_vectors` does.
+    """Convert to one joint vector, shape (n,).
 
     Raises:
-        InvalidValueError: as there, and for more than one vector.
+        InvalidValueError: for the errors of `as_joint_vectors`, and for more than one vector.
     """
     vector = as_joint_vectors(pepper, value, quantity)
     if vector.ndim != 1:
@@ -260,10 +260,10 @@ def check_within_limits(
         tolerance: Violation allowed [rad or m].
 
     Raises:
-        LimitError: naming the worst joint, its value and its limits.
+        LimitError: naming the joint with the largest violation, its value and its limits.
     """
     low, high = pepper.lower_limits, pepper.upper_limits
-    # A minimum and a maximum of one vector cost less than comparisons whose truth values are gathered.
+    # For one vector, clipping costs less than comparisons followed by `all`.
     if q.ndim == 1 and np.minimum(np.maximum(q, low), high).tobytes() == q.tobytes():
         return
     if (q >= low).all() and (q <= high).all():
@@ -283,11 +283,12 @@ def check_within_limits(
 
 
 def full_turns(pepper: PepperModel, change: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the full turns nearest to a change of position, of joints that turn without limits [rad].
+    """Return the full turns nearest to a change of position, for revolute joints without limits [rad].
 
-    Added to one of two positions whose difference is the change, they leave the way of half a turn at most:
-    half of as many turns as bring the joints that follow it back, too.  Zero for joints with limits, for
-    joints that slide, and for those that a joint follows which never comes back.
+    With the turns added to one of two positions whose difference is the change, the remaining difference is
+    at most half a period; a period is the number of turns after which the joint's followers are back at their
+    positions, too. Zero for joints with limits, prismatic joints, and joints with a follower that never
+    returns.
 
     Args:
         pepper: The robot.
@@ -299,7 +300,7 @@ def full_turns(pepper: PepperModel, change: NDArray[np.float64]) -> NDArray[np.f
 
 
 def _turns_until_all_are_back(pepper: PepperModel) -> NDArray[np.float64]:
-    """Return after how many turns a joint and all that follow it stand as before, 0 for never, shape (n,)."""
+    """Return the number of turns after which a joint and its followers are back, 0 for never, shape (n,)."""
     endless = np.isinf(pepper.lower_limits) & np.isinf(pepper.upper_limits)
     found = (endless & (np.array(pepper.joint_units) == "rad")).astype(float)
     if pepper.is_coupled and found.any():
@@ -316,7 +317,7 @@ def check_choice(quantity: str, value: str, choices: tuple[str, ...]) -> str:
     """Return `value` if it is one of `choices`.
 
     Raises:
-        InvalidValueError: listing the choices, with the one that is most like a wrong value.
+        InvalidValueError: listing the choices, and suggesting the most similar one.
     """
     if value not in choices:
         allowed = f"one of {', '.join(map(repr, choices))}{did_you_mean(value, choices)}"
@@ -339,17 +340,17 @@ def check_positive(quantity: str, value: float, unit: str = "") -> float:
 
 
 MOST_COUNT = 2**31 - 1
-"""Largest whole number of iterations, starts, samples and the like."""
+"""Maximum number of iterations, starts, samples and other counts."""
 
 
 def check_whole(quantity: str, value: object, least: int = 1, most: float = MOST_COUNT) -> int:
-    """Return `value` if it is a whole number from `least` to `most`.
+    """Return `value` if it is an integer from `least` to `most`.
 
     Args:
         quantity: Name for the message.
-        value: An integer of Python or NumPy; truth values are none.
-        least: Smallest that is allowed.
-        most: Largest that is allowed; `math.inf` for seeds.
+        value: An integer of Python or NumPy; truth values are refused.
+        least: Minimum allowed value.
+        most: Maximum allowed value; `math.inf` for seeds.
 
     Raises:
         InvalidValueError: naming the quantity.
@@ -366,19 +367,19 @@ def check_whole(quantity: str, value: object, least: int = 1, most: float = MOST
 
 
 def check_rows(rows: ArrayLike, count: int) -> NDArray[np.int64]:
-    """Return the numbers of some of so many robots, shape (k,).
+    """Return the indices of selected robots of a batch, shape (k,).
 
     Args:
-        rows: Numbers from 0, shape (k,), each once, or a mask, shape (count,).
-        count: How many there are.
+        rows: Indices from 0, shape (k,), each once, or a mask, shape (count,).
+        count: Number of robots of the batch.
 
     Raises:
-        InvalidValueError: otherwise.
+        InvalidValueError: for anything else.
     """
     allowed = f"numbers from 0 to {count - 1}, each once, or a mask of shape ({count},)"
     try:
         array = np.asarray(rows)
-    except (ValueError, OverflowError, RecursionError):  # ragged rows, lists without end
+    except (ValueError, OverflowError, RecursionError):  # ragged rows, lists that contain themselves
         raise InvalidValueError("rows", shown(rows), allowed) from None
     if array.dtype == bool and array.shape == (count,):
         return np.flatnonzero(array)
@@ -391,10 +392,10 @@ def check_rows(rows: ArrayLike, count: int) -> NDArray[np.int64]:
 
 
 def check_seed(value: object) -> int:
-    """Return the seed of random choices: a whole number of at least 0, of any size.
+    """Return the seed of random choices: an integer of at least 0, of any size.
 
     Raises:
-        InvalidValueError: otherwise.
+        InvalidValueError: for any other value.
     """
     return check_whole("seed", value, 0, math.inf)
 

@@ -1,4 +1,4 @@
-"""A URDF's tree with all that a converter needs: joint placements, axes and the bodies' inertias."""
+"""Tree of a URDF for exports: placements and axes of joints, and inertias of bodies."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from pepper_kin.model.urdf_document import Joint, UrdfDocument
 from pepper_kin.model.xml_source import number_of, vector_of
 
 MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-"""Attributes of an <inertia>."""
+"""Attributes of an <inertia> element."""
 ROUNDING = 1e-6
-"""Relative violation of a law that the rounding of published digits explains."""
+"""Relative violation of the triangle inequality that the rounding of published digits explains."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,11 +38,11 @@ class TreeBody(FrozenArrays):
 
 @dataclass(frozen=True, eq=False)
 class PlacedJoint(FrozenArrays):
-    """A joint with its place on the parent.
+    """A joint with its placement on the parent link.
 
     Attributes:
-        joint: What the URDF says of it.
-        transform_child_to_parent: (4, 4) at position zero.
+        joint: Type, limits and links of the joint.
+        transform_child_to_parent: (4, 4) pose of the child link in the parent link at position zero [m].
         position: (3,) the URDF's xyz [m].
         rpy: (3,) the URDF's rpy [rad], kept so that texts repeat the published digits.
         axis: (3,) unit axis in the child frame; zero for fixed joints.
@@ -70,7 +70,7 @@ class KinematicTree:
     bodies: dict[str, TreeBody]
 
     def children(self, link: str) -> tuple[str, ...]:
-        """Links that hang directly on a link, in document order."""
+        """Return the child links of a link, in document order."""
         return tuple(name for name, placed in self.joints.items() if placed.joint.parent == link)
 
 
@@ -91,7 +91,7 @@ def kinematic_tree(document: UrdfDocument) -> KinematicTree:
 
 
 def placed_joints(document: UrdfDocument) -> dict[str, PlacedJoint]:
-    """Read the joints' placements, by the name of their child link.
+    """Return the joints with their placements, by the name of their child link.
 
     Raises:
         ModelError: naming the joint whose numbers are malformed.
@@ -101,6 +101,7 @@ def placed_joints(document: UrdfDocument) -> dict[str, PlacedJoint]:
 
 
 def _place(joint: Joint, element: ET.Element) -> PlacedJoint:
+    """Return a joint with its placement and unit axis."""
     what = f"joint {joint.name}"
     origin = element.find("origin")
     position = vector_of(None if origin is None else origin.get("xyz"), 3, (0, 0, 0), f"origin of {what}")
@@ -121,7 +122,7 @@ def _place(joint: Joint, element: ET.Element) -> PlacedJoint:
 
 
 def read_body(inertial: ET.Element, link: str) -> TreeBody:
-    """Read an <inertial>, its inertia turned into the axes of the link.
+    """Read an <inertial>, its inertia rotated into the axes of the link.
 
     Raises:
         ModelError: naming the link whose numbers are malformed.
@@ -137,17 +138,17 @@ def read_body(inertial: ET.Element, link: str) -> TreeBody:
 
 
 def tensor_of(moments: Sequence[float]) -> NDArray[np.float64]:
-    """Return the inertia, shape (3, 3), of its six `MOMENTS` [kg m^2]."""
+    """Return the inertia tensor, shape (3, 3), from its six `MOMENTS` [kg m^2]."""
     return np.array(moments)[[[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
 
 
 def impossible_inertia(moments: NDArray[np.floating]) -> str:
-    """Say why no real body has given principal moments of inertia; empty where one can.
+    """Return the reason why no real body has the principal moments of inertia; empty if one can have them.
 
-    All are above zero, and none is larger than the sum of the other two.
+    A real body's moments are above zero, and none is larger than the sum of the other two.
 
     Args:
-        moments: The moments [kg m^2], rising, shape (3,).
+        moments: Principal moments in ascending order [kg m^2], shape (3,).
     """
     listed = ", ".join(f"{m:.4g}" for m in moments)
     if moments[0] <= 0.0:

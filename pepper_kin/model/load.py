@@ -38,8 +38,9 @@ def load_pepper(
             "independent" (28 finger joints).
         head_limits: "urdf": HeadPitch up to 36.5 degrees; "documented": up to 25.5, as on the vendor's page,
             beyond which no robot was seen. How the pitch depends on the yaw is the same for both.
-        meshes: Folder with the vendor's meshes, named after the links, to show in place of our own shapes.
-        mesh_scale: Factor from the unit of these meshes to meters.
+        meshes: Folder with the vendor's meshes, named after the links, to show instead of this library's
+            shapes.
+        mesh_scale: Factor from the unit of the vendor's meshes to meters.
 
     Returns:
         The model; 15 joints with the defaults. Loaded once per choice, then shared: it is frozen.
@@ -56,10 +57,11 @@ def load_pepper(
     return _load_pepper(base, hands, head_limits, folder, scale)
 
 
-@lru_cache(maxsize=16)  # the robots of 16 choices
+@lru_cache(maxsize=16)  # at most 16 robots
 def _load_pepper(
     base: str, hands: str, head_limits: str, meshes: str | None, mesh_scale: float
 ) -> PepperModel:
+    """Return Pepper for checked arguments, cached for each choice."""
     if head_limits == "documented":
         return _load_pepper(base, hands, "urdf", meshes, mesh_scale).with_limits(
             upper={"HeadPitch": DOCUMENTED}
@@ -72,17 +74,18 @@ def _load_pepper(
 
 
 def _pepper_spheres(document: UrdfDocument) -> tuple[Shape, ...]:
+    """Return Pepper's sphere set, imported at its first use."""
     return sphere_set.pepper_spheres(document)
 
 
 def pepper_urdf(**arguments: str) -> str:
-    """Return Pepper's URDF text: as it comes with the package, or expanded again from the xacro sources.
+    """Return Pepper's URDF text: from the package, or expanded from the xacro sources for other arguments.
 
     Args:
         **arguments: xacro arguments: name, prefix, base, hands, mesh_dir.
 
     Returns:
-        The URDF.
+        Text of the URDF.
     """
     choice = DEFAULTS | arguments
     known = len(choice) == 2 and choice["base"] in BASES and choice["hands"] in HANDS

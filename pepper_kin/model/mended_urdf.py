@@ -1,4 +1,4 @@
-"""Faults of URDFs in use that Pinocchio accepts: repaired, with a warning."""
+"""Repair, with a warning, of common faults of URDFs that Pinocchio accepts."""
 
 from __future__ import annotations
 
@@ -12,26 +12,27 @@ XACRO = "xacro"
 SOURCE = (
     "macro", "include", "property", "arg", "if", "unless", "insert_block", "element", "attribute",
 )  # fmt: skip
-"""Elements of xacro sources, which are another robot before they are expanded."""
+"""Elements that only unexpanded xacro sources have."""
 GEOMETRIES = ("box", "sphere", "cylinder", "capsule", "mesh")
 
 
 def mend(root: ET.Element, text: str) -> list[str]:
-    """Mend a robot's tree, read from a text, in place and return what was done, a sentence each.
+    """Repair a robot's tree in place and return a sentence for each repair.
 
-    Calls of macros that nothing defines are left out, as are shapes of kinds that URDF has not, scales that
-    are not three numbers with their shapes, and mimic elements of unknown joints; limits in the wrong order
-    change places; negative velocities and efforts, which some write for none, are no limits; of materials of
-    one name the first stays.
+    Removed are calls of undefined macros, shapes of types that URDF does not have, meshes with a scale that
+    is not three numbers, mimic elements of unknown joints, negative velocity and effort limits (which some
+    texts write for no limit), and all but the first of materials with the same name. Limits in the wrong
+    order are swapped.
 
     Raises:
-        ModelError: for xacro sources: without what their macros stand for they would be another robot.
+        ModelError: for xacro sources, which would be another robot without their macros.
     """
     calls = _left_over_calls(root) if XACRO in text else ()
     return [*calls, *_materials(root), *_joints(root), *_shapes(root)]
 
 
 def _left_over_calls(root: ET.Element) -> Iterator[str]:
+    """Remove calls of undefined macros; yield a sentence for each."""
     for parent in list(root.iter()):
         for element in list(parent):
             space, _, tag = str(element.tag).rpartition("}")
@@ -44,6 +45,7 @@ def _left_over_calls(root: ET.Element) -> Iterator[str]:
 
 
 def _materials(root: ET.Element) -> Iterator[str]:
+    """Remove later materials of the same name; yield a sentence for each."""
     names = set()
     for material in root.findall("material"):
         name = material.get("name")
@@ -54,6 +56,7 @@ def _materials(root: ET.Element) -> Iterator[str]:
 
 
 def _joints(root: ET.Element) -> Iterator[str]:
+    """Repair limits and mimic elements of joints; yield a sentence for each repair."""
     moving = {joint.get("name") for joint in root.findall("joint") if joint.get("type") != "fixed"}
     for joint in root.findall("joint"):
         name, limit, mimic = joint.get("name"), joint.find("limit"), joint.find("mimic")
@@ -72,6 +75,7 @@ def _joints(root: ET.Element) -> Iterator[str]:
 
 
 def _shapes(root: ET.Element) -> Iterator[str]:
+    """Remove shapes of unknown types or with wrong scales; yield a sentence for each."""
     for link in root.findall("link"):
         for shape in [*link.findall("visual"), *link.findall("collision")]:
             solid = next(iter(shape.find("geometry") or ()), None)

@@ -14,7 +14,7 @@ FOLDER = "meshes"
 
 
 def mesh_files(document: UrdfDocument) -> dict[str, Path]:
-    """Return the files to copy for `mesh_paths="relative"`: name beside the export -> file here.
+    """Return the files to copy for `mesh_paths="relative"`: path relative to the export -> source file.
 
     Two files of the same name in different folders get different names.
     """
@@ -30,13 +30,13 @@ def mesh_files(document: UrdfDocument) -> dict[str, Path]:
 
 
 def mesh_namer(document: UrdfDocument, mesh_paths: str, scheme: str = "package") -> Callable[[Path], str]:
-    """Return what turns a mesh's file into its name in the export.
+    """Return a function from a mesh's file to its name in the export.
 
     Args:
         document: The robot.
         mesh_paths: "package" (as the URDF names it, under `scheme`), "absolute" or "relative" (see
             `mesh_files`).
-        scheme: What stands before "://" of a name by package; SDF has "model".
+        scheme: Scheme of the URI of a name by package; SDF has "model".
 
     Raises:
         InvalidValueError: for another choice.
@@ -52,9 +52,9 @@ def mesh_namer(document: UrdfDocument, mesh_paths: str, scheme: str = "package")
 
 
 def _named_files(document: UrdfDocument) -> Iterator[tuple[str, Path]]:
-    """Yield the names of meshes in the text with their files; one file may have several names."""
+    """Yield (name in the text, file) of each mesh; one file may have several names."""
     for kind, shapes in (("visual", document.visuals), ("collision", document.collisions)):
-        # As they are read: the first geometry of each shape counts, and what it holds first.
+        # As in `read_shapes`, the first element of the first geometry of each shape counts.
         items = [item for link in document.tree.findall("link") for item in link.findall(kind)]
         geometries = [geometry for item in items if (geometry := item.find("geometry")) is not None]
         elements = [geometry[0] for geometry in geometries if geometry[0].tag == "mesh"]
@@ -64,5 +64,5 @@ def _named_files(document: UrdfDocument) -> Iterator[tuple[str, Path]]:
 
 
 def files_by_name(document: UrdfDocument) -> dict[str, Path]:
-    """Return the file behind each mesh name of the URDF's text."""
+    """Return the file of each mesh name in the URDF's text."""
     return dict(_named_files(document))

@@ -1,4 +1,4 @@
-"""Acceleration limits of joints whose description gives none: URDF itself has no place for them."""
+"""Acceleration limits for joints without them in the description: URDF itself does not define any."""
 
 from __future__ import annotations
 
@@ -25,16 +25,17 @@ QUANTITY = "acceleration_limits"
 def completed_limits(
     names: Sequence[str], limits: NDArray[np.float64], user_limits: LimitsLike
 ) -> NDArray[np.float64]:
-    """Return limits with those that a user gives, shape (n,) [rad/s^2 or m/s^2].
+    """Return acceleration limits completed by a user's, shape (n,) [rad/s^2 or m/s^2].
 
     Args:
-        names: The joints.
-        limits: What is known of them, inf where nothing is, shape (n,).
-        user_limits: One number for all joints that lack a limit, or limits by name, which hold in any case.
+        names: Names of the joints.
+        limits: Limits of the description, inf for an unknown one, shape (n,) [rad/s^2 or m/s^2].
+        user_limits: One number for all joints that lack a limit, or limits by name, which replace known ones
+            [rad/s^2 or m/s^2].
 
     Raises:
-        UnknownNameError: for a joint that there is not.
-        InvalidValueError: for what is not above zero.
+        UnknownNameError: for an unknown joint.
+        InvalidValueError: for a limit that is not above zero.
     """
     if not isinstance(user_limits, Mapping):
         number = np.inf if _is_infinite(user_limits) else check_positive(QUANTITY, user_limits)
@@ -49,15 +50,16 @@ def completed_limits(
 
 
 def with_acceleration_limits(document: UrdfDocument, user_limits: LimitsLike) -> UrdfDocument:
-    """Return a document whose joints have acceleration limits, written where this library reads them.
+    """Return a document with acceleration limits, in the attribute that this library reads.
 
     Args:
         document: The robot.
-        user_limits: As in `completed_limits`; joints that follow others need none.
+        user_limits: One number for all joints that lack a limit, or limits by name [rad/s^2 or m/s^2]; joints
+            that follow others need none.
 
     Raises:
-        UnknownNameError: for a joint that there is not.
-        InvalidValueError: for what is not above zero.
+        UnknownNameError: for an unknown joint.
+        InvalidValueError: for a limit that is not above zero.
     """
     leading = [joint for joint in document.joints if joint.type != "fixed" and joint.mimic is None]
     names = [joint.name for joint in leading]

@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 pinocchio = lazy_module("pinocchio")
 
 TIMESTEP = 0.001
-"""Timestep of the file, which is the twin's [s]."""
+"""Timestep of the MJCF file, equal to the twin's [s]."""
 NARROWEST = 1e-9
-"""Least distance of a lower and an upper limit [rad, m or their units of speed and force]."""
+"""Minimum distance of a lower and an upper limit [rad, m, N m or N]."""
 
 
 def add_drive(
@@ -46,10 +46,10 @@ def add_drive(
     Args:
         root: The <mujoco> element.
         pepper: The robot.
-        gains: The gains of its servos.
-        light: Joints whose followers have their servo's damping.
+        gains: Gains of the robot's servos.
+        light: Leading joints whose own link has no mass: their followers have the servo's damping.
         joint_order: All joints in the order of MuJoCo's qpos.
-        sites: Frames that became sites.
+        sites: Frames that are sites in the MJCF.
     """
     _add_couplings(child(root, "equality"), pepper)
     actuators, sensors = child(root, "actuator"), child(root, "sensor")
@@ -79,12 +79,12 @@ def add_drive(
 
 
 def mjcf_gains(pepper: PepperModel, light: Collection[str]) -> ServoGains:
-    """Return the gains of the twin's servos, lowered where MuJoCo could not integrate them.
+    """Return the gains of the twin's servos, reduced to values that MuJoCo can integrate.
 
-    MuJoCo takes a servo's stiffness from the beginning of a step, the twin from its end, so a joint's own
+    MuJoCo evaluates a servo's stiffness at the start of a step, the twin at its end, so a joint's natural
     frequency w = sqrt(Kp / I) is bounded: Kp <= I w^2 and Kd <= 2 D I w with w = 1 / h and the damping ratio
-    D = 1.  Of joints that lead others without a mass of their own, w = 0.3 / h and D = 0.3: followers that
-    are damped more come late.
+    D = 1. For leading joints without a mass of their own, w = 0.3 / h and D = 0.3: with more damping,
+    followers lag.
     """
     model = pepper.inner_model
     full = pinocchio.crba(model, pepper.pinocchio_data, pepper.to_full(pepper.neutral()))
@@ -100,6 +100,7 @@ def mjcf_gains(pepper: PepperModel, light: Collection[str]) -> ServoGains:
 
 
 def _add_couplings(equality: ET.Element, pepper: PepperModel) -> None:
+    """Add an equality constraint for each joint that follows another."""
     for joint in list(pepper.inner_model.names)[1:]:
         if joint in pepper.joint_names:
             continue
@@ -111,16 +112,16 @@ def _add_couplings(equality: ET.Element, pepper: PepperModel) -> None:
 
 
 def interval(lower: float, upper: float) -> str:
-    """Return limits as MuJoCo reads them; equal ones 1e-9 apart, since it takes `0 0` for no limits."""
+    """Return limits as text, equal limits 1e-9 apart: MuJoCo reads `0 0` as no limits."""
     apart = max(0.0, NARROWEST - (upper - lower)) / 2
     return numbers((lower - apart, upper + apart))
 
 
 def light_leaders(pepper: PepperModel, tree: KinematicTree) -> dict[str, float]:
-    """Return joints whose own link has no mass and that lead others, Pepper's hands.
+    """Return leading joints whose own link has no mass, such as Pepper's hands.
 
     A damper on a body without mass would hold it against the constraints, so the followers take the servo's
-    damping: each Kd / sum(gain^2), which is Kd for the leader.
+    damping: Kd / sum(gain^2) each, together Kd at the leader.
 
     Returns:
         Joint -> sum(gain^2) of its followers.

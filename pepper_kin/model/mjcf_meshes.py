@@ -1,4 +1,4 @@
-"""Which mesh files MuJoCo can load."""
+"""Checks of whether MuJoCo can load a mesh file."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from numpy.typing import NDArray
 from pepper_kin.model.shapes import Mesh
 
 READABLE_MESHES = (".stl", ".obj", ".msh")
-_MOST_TRIANGLES = 200_000  # of an STL file
+_MOST_TRIANGLES = 200_000  # maximum number of triangles of an STL file
 _FLAT = 1e-6
-"""Thickness of a mesh, in proportion to its size, that counts as none."""
+"""Ratio of a mesh's thickness to its size below which the mesh counts as flat."""
 
 
 def why_unreadable(mesh: Mesh, touches: bool) -> str:
-    """Say why MuJoCo would refuse a mesh; empty where it would not.
+    """Return the reason why MuJoCo would refuse a mesh; empty for a readable mesh.
 
-    It reads binary STL and OBJ; a mesh has four different vertices, some area after scaling, and, where it
-    touches, a hull: its vertices are not in one plane.
+    MuJoCo reads binary STL and OBJ. A mesh needs four different vertices, a nonzero area after scaling and,
+    as a collision shape, a convex hull: vertices that are not in one plane.
 
     Args:
         mesh: The mesh.
-        touches: Whether it is a collision shape.
+        touches: Whether the mesh is a collision shape.
     """
     path, suffix = mesh.path, mesh.path.suffix.lower()
     if suffix not in READABLE_MESHES:
@@ -50,13 +50,13 @@ def why_unreadable(mesh: Mesh, touches: bool) -> str:
 
 
 def _dimensions(points: NDArray[np.float64]) -> int:
-    """Return how many dimensions points have, shape (k, 3)."""
+    """Return the dimension of the affine hull of points, shape (k, 3)."""
     widths = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     return int((widths > _FLAT * max(float(widths[0]), 1e-300)).sum())
 
 
 def _stl_points(content: bytes) -> NDArray[np.float64] | str:
-    """Return the vertices of a binary STL file, shape (k, 3), or why there are none."""
+    """Return the vertices of a binary STL file, shape (k, 3), or the reason why it cannot be read."""
     count = struct.unpack_from("<I", content, 80)[0] if len(content) >= 84 else 0
     if len(content) != 84 + 50 * count or not count:
         return "it is not binary STL, which MuJoCo needs"
@@ -67,7 +67,7 @@ def _stl_points(content: bytes) -> NDArray[np.float64] | str:
 
 
 def _obj_points(content: bytes) -> NDArray[np.float64] | str:
-    """Return the vertices of an OBJ file, shape (k, 3), or why there are none."""
+    """Return the vertices of an OBJ file, shape (k, 3), or the reason why it cannot be read."""
     rows = [line.split()[1:4] for line in content.splitlines() if line.startswith((b"v ", b"v\t"))]
     try:
         return np.array(rows, dtype=float).reshape(-1, 3)

@@ -1,4 +1,4 @@
-"""Audit of a description: every incomplete or unphysical part, with its numbers."""
+"""Audit of a description: all incomplete or unphysical parts, with numbers."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from pepper_kin.model.urdf_source import mesh_folders, read_source
 
 @dataclass(frozen=True)
 class Audit:
-    """What an audit found.
+    """Findings of an audit.
 
     Attributes:
         name: Name of the robot.
-        links: A row per link that has mass.
-        joints: A row per joint that moves.
+        links: Rows of the links that have mass.
+        joints: Rows of the moving joints.
         frames: Number of links, frames without mass included.
-        reachable: Number of links that hang on the root.
+        reachable: Number of links connected to the root.
         total_mass: Sum of the links' masses [kg].
         fingers: (fixed, following the hand, independent, missing) finger joints of Pepper's 28; None for a
-            robot without any.
+            robot without such joints.
         meshes: Number of mesh references.
-        faults: What is wrong.
-        notes: What is unusual but can be right, such as mass that reaches out of the visible shape, or an end
-            of the range of Pepper's head that no robot was seen to reach.
+        faults: Faults of the description.
+        notes: Unusual parts that can be right, such as mass outside the link's shapes, or an upper limit of
+            Pepper's HeadPitch that no robot was seen to reach.
     """
 
     name: str
@@ -50,7 +50,7 @@ class Audit:
         return not self.faults
 
     def of_kind(self, kind: str) -> tuple[Fault, ...]:
-        """Faults of one kind."""
+        """Return the faults of one kind."""
         return tuple(fault for fault in self.faults if fault.kind == kind)
 
     def to_dict(self) -> dict[str, object]:
@@ -99,18 +99,18 @@ class Audit:
 def audit(source: PepperModel | str | Path, package_dirs: Sequence[str | Path] = ()) -> Audit:
     """Audit a description.
 
-    A broken one is reported, not refused.  Document types and entities are never read.
+    A malformed description is reported, not refused. Document types and entities are never read.
 
     Args:
-        source: A loaded robot, the text of a URDF, or the path of one.
-        package_dirs: Folders that hold packages, for `package://` mesh names. Those above a URDF file are
-            sought too, and file names without a folder beside it.
+        source: A loaded robot, the text of a URDF, or the path of a URDF file.
+        package_dirs: Folders that hold packages, for `package://` mesh names. The folder of a URDF file and
+            all folders above it are searched too, also for plain file names.
 
     Returns:
-        The findings; `ok` where there is no fault.
+        The findings; `success` is true without any fault.
 
     Raises:
-        FileFormatError: where a path cannot be read.
+        FileFormatError: for a path that cannot be read.
         ModelError: for a robot whose `pinocchio_model` was changed by hand.
     """
     facts = read_tolerantly(read_source(source), mesh_folders(source, package_dirs))

@@ -1,4 +1,4 @@
-"""Joints that move and frames on them: the numbers of `pinocchio_model`, without loading Pinocchio."""
+"""Moving joints and their frames: the values of `pinocchio_model`, without loading Pinocchio."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ _NOWHERE: tuple[Rows, list[float]] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.
 
 @dataclass(frozen=True, eq=False)
 class MovingTree(FrozenArrays):
-    """Joints that move, parents before children, in the order of `pinocchio_model`; joint 0 is the world.
+    """Moving joints, parents before children, in the order of `pinocchio_model`; joint 0 is the world.
 
     Attributes:
-        parents: Parent of each joint; the world's is itself.
-        rotations: Rotation of each joint's frame at q = 0 to its parent's, shape (joints, 3, 3).
-        positions: Its origin in the parent's frame [m], shape (joints, 3).
+        parents: Index of each joint's parent; the world is its own parent.
+        rotations: Rotation from each joint's frame at q = 0 to its parent's frame, shape (joints, 3, 3).
+        positions: Origin of each joint's frame in its parent's frame [m], shape (joints, 3).
         axes: Unit axis of each joint in its own frame, shape (joints, 3).
-        slides: Whether the joint is prismatic, shape (joints,).
-        frame_joints: Joint that carries each frame, by name.
-        frame_poses: Pose of each frame in the frame of that joint, shape (4, 4), by name.
+        slides: Whether each joint is prismatic, shape (joints,).
+        frame_joints: Index of the joint that carries each frame, by frame name.
+        frame_poses: Pose of each frame in its joint's frame [m], shape (4, 4), by frame name.
     """
 
     parents: tuple[int, ...]
@@ -52,7 +52,7 @@ class MovingTree(FrozenArrays):
         return len(self.parents)
 
     def path(self, joint: int) -> list[int]:
-        """Return the joints from the world's first child to a joint, itself included."""
+        """Return the indices of the joints from the world, excluded, to a joint, included."""
         found = []
         while joint > 0:
             found.append(joint)
@@ -60,11 +60,11 @@ class MovingTree(FrozenArrays):
         return found[::-1]
 
     def below(self, joint: int) -> list[int]:
-        """Return a joint and all that it carries."""
+        """Return the indices of a joint and all its descendants."""
         return [other for other in range(self.count) if other == joint or joint in self.path(other)]
 
     def carried(self) -> NDArray[np.bool_]:
-        """Return whether each joint, the world included, hangs on each that moves, shape (joints, n)."""
+        """Return whether each joint, the world included, is moved by each moving joint, shape (joints, n)."""
         carried = np.zeros((self.count, self.count - 1), dtype=bool)
         for joint in range(1, self.count):
             carried[joint, [above - 1 for above in self.path(joint)]] = True
@@ -73,13 +73,13 @@ class MovingTree(FrozenArrays):
 
 @kept_for_robot(most=1)
 def moving_tree(pepper: PepperModel) -> MovingTree:
-    """Return the joints of a robot as it is, with what was changed in its `pinocchio_model`."""
+    """Return the moving joints of a robot, from its `with_pinocchio_model` if it has one."""
     changed = pepper.dynamics_model.changed()
     return _of_document(pepper) if changed is None else _of_pinocchio(pepper, changed)
 
 
 def _of_document(pepper: PepperModel) -> MovingTree:
-    """Read the URDF: a joint's place is the product of those of fixed joints before it and its own."""
+    """Read the URDF: a joint's placement is the product of the fixed joints' before it and its own."""
     placed, root = placed_joints(pepper.document), pepper.document.root
     frames: dict[str, tuple[int, tuple[Rows, list[float]]]] = {root: (0, _NOWHERE)}
     parents, places, axes, slides = [0], [_NOWHERE], [[0.0, 0.0, 0.0]], [False]
@@ -107,6 +107,7 @@ def _of_document(pepper: PepperModel) -> MovingTree:
 
 
 def _of_pinocchio(pepper: PepperModel, model: Any) -> MovingTree:
+    """Read placements, axes and frames from a Pinocchio model."""
     frames = {name: model.frames[pepper.frame_id(name)] for name in pepper.frame_names}
     subspaces = [np.zeros(6)]
     for joint in list(model.joints)[1:]:
@@ -124,18 +125,19 @@ def _of_pinocchio(pepper: PepperModel, model: Any) -> MovingTree:
 
 
 def _pose(rotation: Rows, position: Sequence[float]) -> NDArray[np.float64]:
+    """Return a pose [m], shape (4, 4), from a rotation and a position."""
     return read_only([[*row, x] for row, x in zip(rotation, position, strict=True)] + [[0.0, 0.0, 0.0, 1.0]])
 
 
 def _product(first: tuple[Rows, list[float]], second: tuple[Rows, list[float]]) -> tuple[Rows, list[float]]:
-    """Return the product of two places, each sum from left to right as Pinocchio's are, on any machine."""
+    """Return the product of two placements, summed from left to right on every machine, as in Pinocchio."""
     (a, p), (b, q) = first, second
     rotation = [[r[0] * b[0][j] + r[1] * b[1][j] + r[2] * b[2][j] for j in range(3)] for r in a]
     return rotation, [x + (r[0] * q[0] + r[1] * q[1] + r[2] * q[2]) for x, r in zip(p, a, strict=True)]
 
 
 def _rotation(rpy: Sequence[float]) -> Rows:
-    """Return Rz(yaw) Ry(pitch) Rx(roll) by the unit quaternion, as URDF's reader and Eigen compute it."""
+    """Return Rz(yaw) Ry(pitch) Rx(roll) by way of the unit quaternion, as URDF's reader and Eigen do."""
     (sr, cr), (sp, cp), (sy, cy) = [(math.sin(angle / 2.0), math.cos(angle / 2.0)) for angle in rpy]
     x, y = sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy
     z, w = cr * cp * sy - sr * sp * cy, cr * cp * cy + sr * sp * sy

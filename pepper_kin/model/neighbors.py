@@ -1,4 +1,4 @@
-"""Neighboring links, which overlap at the joint between them and are never checked."""
+"""Neighboring links, which overlap at their joint and are never checked for collision."""
 
 from __future__ import annotations
 
@@ -7,20 +7,23 @@ from pepper_kin.model.urdf_document import UrdfDocument
 
 REASON = "Adjacent"
 MOST_PAIRS = 2_000_000
-"""Pairs that are listed."""
+"""Maximum number of pairs."""
 
 
 def neighboring_pairs(document: UrdfDocument) -> dict[tuple[str, str], str]:
-    """Return the pairs of links that are one moving joint apart, each sorted, with the reason.
+    """Return the pairs of links that one moving joint connects, names sorted -> reason.
 
-    Links that fixed joints hold together are one body.  Bodies without any shape (the middle of a universal
-    joint, say) are not counted: what hangs on them is the neighbor of what carries them.
+    Links connected by fixed joints are one body. Bodies without any shape, such as the middle of a universal
+    joint, are skipped: their children are neighbors of their parent.
+
+    Raises:
+        ModelError: for more than MOST_PAIRS pairs.
     """
     above = {joint.child: joint for joint in document.joints}
     shaped = {shape.link for shape in (*document.visuals, *document.collisions)}
     root_of: dict[str, str] = {}
     for link in document.links:
-        chain = [link]  # up to a link that is known already, or that moves: each is looked at once
+        chain = [link]  # up to a known or moving link, so that each link is visited once
         while chain[-1] not in root_of and chain[-1] in above and above[chain[-1]].type == "fixed":
             chain.append(above[chain[-1]].parent)
         root = root_of.get(chain[-1], chain[-1])

@@ -26,7 +26,8 @@ if TYPE_CHECKING:
     import xml.etree.ElementTree as ET
 
 ROUNDED_MOMENT = 1e-12
-"""How far below zero rounding may leave a moment of inertia [kg m^2]; it is warned of."""
+"""Magnitude of a negative moment of inertia that rounding explains [kg m^2]; it gives a warning, not an
+error."""
 
 
 def load_robot(
@@ -43,33 +44,35 @@ def load_robot(
     Args:
         urdf: Path of a URDF file, or its text.
         srdf: Path or text of an SRDF with groups, postures and pairs of links that are not checked for
-            collision, if there is one. Without such pairs, links one joint apart are not checked.
-        package_dirs: Folders that hold packages, for `package://` mesh names. Those above a URDF file are
-            sought too, and file names without a folder beside it.
+            collision, or None. Without such pairs, neighboring links are not checked.
+        package_dirs: Folders that hold packages, for `package://` mesh names. The folder of a URDF file and
+            all folders above it are searched too, also for plain file names.
         base: "fixed"; "planar" for three more joints `BaseX`, `BaseY` [m] and `BaseYaw` [rad] between the
-            world and the root link; or "differential" for the same of a base that goes where it points.
-        wheels: What the base can do: limits of its joints for timing, and the turning radius of a
-            differential one, for which it must be given.
+            world and the root link; or "differential" for the same joints of a base that moves only where it
+            points.
+        wheels: Limits of the base's joints for timing, and the turning radius of a differential base, for
+            which `wheels` is required.
         acceleration_limits: One number for all joints whose <limit> has no `acceleration` (URDF itself knows
             none), or limits by joint name [rad/s^2 or m/s^2]; they become part of the description.
 
     Returns:
-        The same kind of object as `load_pepper` gives.
+        A model, as from `load_pepper`.
 
     Raises:
-        FileFormatError: where a file cannot be read.
-        ModelError: where the description is malformed; names the element.
-        UnknownNameError: for acceleration limits of a joint that there is not.
-        InvalidValueError: for one that is not above zero, another base, or wheels that do not go with it.
+        FileFormatError: for a file that cannot be read.
+        ModelError: naming the malformed element of the description.
+        UnknownNameError: for acceleration limits of an unknown joint.
+        InvalidValueError: for an acceleration limit that is not above zero, another base, or wheels that do
+            not fit the base.
 
     Warns:
-        ModelWarning: naming what the SRDF speaks of and the robot lacks, which is left out, and values of its
-            states that the robot's postures do not have: beyond limits, several for one joint, of followers;
-            and each limit of a joint that is narrowed by those of joints that follow it.
+        ModelWarning: naming the parts of the SRDF that the robot lacks, which are left out; values of its
+            states that the robot's postures do not have (beyond limits, several for one joint, of followers);
+            and each limit of a joint that a following joint narrows.
     """
     with warned(urdf):
         document = parse_urdf(read_source(urdf), mesh_folders(urdf, package_dirs))
-        _ = document.shapes  # refuses what is malformed
+        _ = document.shapes  # raises for malformed shapes
     document = with_wheels(document, base, wheels)
     if acceleration_limits is not None:
         document = with_acceleration_limits(document, acceleration_limits)
@@ -85,7 +88,7 @@ def load_robot(
 
 
 def _warn_of_what_does_not_fit(srdf: str | Path, semantics: Semantics) -> None:
-    """Warn of what an SRDF says and the robot lacks: one text may serve variants, or a name may be wrong."""
+    """Warn of names in an SRDF that the robot lacks: the text may serve several robots, or be wrong."""
     file = "" if isinstance(srdf, str) and is_text(srdf) else f"{srdf}: "
     unknown = [semantics.unknown_names()] if semantics.unknown else []
     for sentence in (*unknown, *semantics.changed):
@@ -93,10 +96,10 @@ def _warn_of_what_does_not_fit(srdf: str | Path, semantics: Semantics) -> None:
 
 
 def build_model(document: UrdfDocument, semantics: Semantics) -> PepperModel:
-    """Build the model of a document from elsewhere, and Pinocchio's at once, to see whether it can be built.
+    """Build the model of a document and, as a check, Pinocchio's model.
 
     Raises:
-        ModelError: where Pinocchio refuses it, or no joint moves.
+        ModelError: if Pinocchio refuses the document, or no joint moves.
     """
     if all(joint.type == "fixed" for joint in document.joints):
         raise ModelError(f"URDF: robot {document.name!r} has no moving joint")
@@ -108,7 +111,7 @@ def build_model(document: UrdfDocument, semantics: Semantics) -> PepperModel:
 
 
 def _refuse_what_is_malformed(document: UrdfDocument) -> None:
-    """Refuse what Pinocchio's reader would refuse unnamed, or leave out: a link then has no mass.
+    """Refuse inertias that Pinocchio's reader would refuse without a name, or ignore, leaving no mass.
 
     Raises:
         ModelError: naming the joint or link.
@@ -126,13 +129,13 @@ def _refuse_what_is_malformed(document: UrdfDocument) -> None:
 
 
 def _check_inertial(link: str, mass: ET.Element, inertia: ET.Element) -> None:
-    """Refuse numbers that no computation could use, and warn of an inertia that no real body has.
+    """Refuse a negative mass or moment, and warn of an inertia that no real body has.
 
     Raises:
         ModelError: naming the link and the value.
 
     Warns:
-        ModelWarning: in the words of `pepper_kin.model.audit`.
+        ModelWarning: with the reason that `pepper_kin.model.audit` gives.
     """
     positive_of(mass, "value", 0.0, f"mass of {link}")
     values = [number_of(inertia, key, 0.0, f"inertia of {link}") for key in MOMENTS]
@@ -141,5 +144,5 @@ def _check_inertial(link: str, mass: ET.Element, inertia: ET.Element) -> None:
             raise ModelError(f"URDF: inertia of {link}: {key} is {value:g} kg m^2, expected at least 0")
     tensor = tensor_of(values)
     message = impossible_inertia(np.linalg.eigvalsh(tensor))
-    if message and tensor.any():  # without any inertia it is a mass at a point
+    if message and tensor.any():  # zero is the inertia of a point mass
         warnings.warn(f"URDF: {link}: {message}", ModelWarning, stacklevel=7)

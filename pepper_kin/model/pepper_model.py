@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 changed_model = lazy_module("pepper_kin.model.changed_model")
 
 SOLVERS = ("fast", "reference")
-"""Whose code computes: this library's own, or Pinocchio's, placo's, proxsuite's, coal's and toppra's."""
+"""Libraries that compute: this one, or the reference Pinocchio, placo, proxsuite, coal and toppra."""
 export_formats = lazy_module("pepper_kin.model.export_formats")
 
 
@@ -40,15 +40,15 @@ export_formats = lazy_module("pepper_kin.model.export_formats")
 class PepperModel:
     """A robot whose every joint has one coordinate: `nq == nv == n`.
 
-    Values are frozen and arrays are read-only, so one model may be shared by threads and packages.
+    Models are frozen and their arrays are read-only, so threads and packages may share one.
 
     Args:
-        document: What its URDF says, which is known to be sound.
+        document: The checked URDF.
         semantics: Groups, states and pairs never checked for collision.
-        sphere_set: Makes `collision_spheres` of the document; None for a robot that has no such set.
-        changed: A `pinocchio.Model` to use in place of that of the document, if there is one.
-        requirements: What its motions keep in reserve; None for "reserve" where the wheels are known on which
-            it stands, else "limits".
+        sphere_set: Function from the document to `collision_spheres`; None for a robot without sphere set.
+        changed: `pinocchio.Model` to use instead of the document's, or None.
+        requirements: Reserves of the robot's motions; None for "reserve" if the description has the wheels on
+            which it stands, else "limits".
 
     Raises:
         ModelError: for a joint that mimics itself, or whose limits and its leader's exclude each other.
@@ -56,26 +56,26 @@ class PepperModel:
     Attributes:
         name: Name of the robot.
         urdf: The URDF text it was built from.
-        joint_names: Order of every joint vector.
+        joint_names: Names of the joints, in the order of every joint vector.
         joint_units: "rad" or "m" for each joint.
-        lower_limits: (n,) [rad or m], -inf where unbounded. Where joints follow a joint, their limits of
-            position, velocity and acceleration bind it too, by the map below: see `follower_limits`.
+        lower_limits: (n,) [rad or m], -inf where unbounded. Limits of position, velocity and acceleration of
+            following joints narrow their leader's, by `full_map`: see `follower_limits`.
         upper_limits: (n,) [rad or m], inf where unbounded.
-        velocity_limits: (n,) [rad/s or m/s].
+        velocity_limits: (n,) [rad/s or m/s], inf where the description gives none.
         acceleration_limits: (n,) [rad/s^2 or m/s^2], inf where the description gives none.
         effort_limits: (n,) [N m or N].
         link_names: Links in document order.
-        visual_shapes: What is drawn.
-        collision_shapes: What may not touch.
+        visual_shapes: Shapes to draw.
+        collision_shapes: Shapes that may not touch.
         full_map: (n_full, n) matrix E of q_full = E q + e.
         full_offset: (n_full,) vector e.
         n: Number of coordinates.
         is_coupled: Whether mimic joints follow others (`pinocchio_model` then has more coordinates than n).
-        is_direct: Whether what Pinocchio returns is what this library does: nothing follows, and there is
-            more than one joint, since Pinocchio's matrices of one column are vectors.
-        requirements: What its motions keep in reserve unless a call says otherwise.
-        solvers: "fast", this library's own; or "reference", the field's: see `with_solvers`.
-        kept: What the packages keep for this robot, by `RobotMemory`; it goes when the robot does.
+        is_direct: Whether Pinocchio's results need no conversion: no joint follows another, and there is more
+            than one joint, since Pinocchio's matrices of one column are vectors.
+        requirements: Reserves of the robot's motions, unless a call overrides them.
+        solvers: "fast" for this library's solvers, "reference" for other libraries': see `with_solvers`.
+        kept: Values that packages cache for this robot, by `RobotMemory`; freed with the robot.
     """
 
     document: UrdfDocument
@@ -147,7 +147,7 @@ class PepperModel:
         return f"PepperModel({self.name!r}, n={self.n}, joints: {', '.join(self.joint_names)})"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Rebuild from the document: Pinocchio's data do not travel; a model that was given does."""
+        """Rebuild from the document: Pinocchio's data are not pickled, but a changed model is."""
         return (PepperModel, self._parts())
 
     def _parts(self) -> tuple[Any, ...]:
@@ -155,21 +155,21 @@ class PepperModel:
         return (self.document, self.semantics, self.sphere_set, changed, self.requirements, self.solvers)
 
     def with_parts(self, **parts: Any) -> PepperModel:
-        """Return the robot built from other parts, by the names of this class's arguments; the rest stays."""
+        """Return a robot with other parts, named as the arguments of this class; other parts are kept."""
         names = ("document", "semantics", "sphere_set", "changed", "requirements", "solvers")
         return PepperModel(**dict(zip(names, self._parts(), strict=True)) | parts)
 
     @property
     def pinocchio_model(self) -> Any:
-        """A copy of the robot's `pinocchio.Model`, which is the caller's: see `with_pinocchio_model`.
+        """A copy of the robot's `pinocchio.Model`, which the caller may change: see `with_pinocchio_model`.
 
-        Where hands are driven by mimic joints it has more coordinates than the robot: see `full_map`.
+        With mimic joints it has more coordinates than the robot: see `full_map`.
         """
         return self.inner_model.copy()
 
     @cached_property
     def inner_model(self) -> Any:
-        """`pinocchio.Model` of the moving tree, built at the first use; it is read, and never changed."""
+        """`pinocchio.Model` of the moving tree, built at its first use; it must not be changed."""
         return self.dynamics_model.get()
 
     @property
@@ -179,7 +179,7 @@ class PepperModel:
 
     @property
     def frame_names(self) -> tuple[str, ...]:
-        """Names that take a frame: all links and sensor frames."""
+        """Names of all frames: links and sensor frames."""
         return tuple(self._frame_ids)
 
     @property
@@ -194,30 +194,30 @@ class PepperModel:
 
     @cached_property
     def collision_spheres(self) -> tuple[Shape, ...]:
-        """Spheres that contain the body; none for a robot that has no such set."""
+        """Spheres that contain the robot's links; empty for a robot without sphere set."""
         return () if self.sphere_set is None else self.sphere_set(self.document)
 
     @property
     def wheels(self) -> Wheels | None:
-        """What the wheels of the base can do, where `load_robot` put the robot on one; else None."""
+        """Limits of the base's wheels, if `load_robot` was given them; else None."""
         return self.document.wheels
 
     @property
     def posture_names(self) -> tuple[str, ...]:
-        """Names that `posture` takes."""
+        """Names of the postures, for `posture`."""
         return tuple(self.semantics.postures())
 
     @property
     def group_names(self) -> tuple[str, ...]:
-        """Names that `joint_group` takes."""
+        """Names of the joint groups, for `joint_group`."""
         return tuple(self.semantics.groups)
 
     @property
     def pinocchio_data(self) -> Any:
-        """A `pinocchio.Data` of this thread, overwritten by every computation on it.
+        """The `pinocchio.Data` of the calling thread, overwritten by every computation with it.
 
         Raises:
-            ModelError: for a robot of so many joints that it would take more than a GB.
+            ModelError: for more than 300 moving joints, whose data would take about a GB.
         """
         try:
             return self._local.data
@@ -227,7 +227,7 @@ class PepperModel:
 
     @property
     def moving_center(self) -> NDArray[np.float64]:
-        """A view of the center of the moving mass in `pinocchio_data`, shape (3,) [m]."""
+        """View of the center of mass in `pinocchio_data`, shape (3,) [m]."""
         try:
             center: NDArray[np.float64] = self._local.center
         except AttributeError:
@@ -263,9 +263,9 @@ class PepperModel:
             raise UnknownNameError("frame", name, self.frame_names) from None
 
     def joints_above(self, frame: str) -> list[int]:
-        """Return the places of the joints that carry a link or sensor frame, ascending.
+        """Return the indices of the joints that move a link or sensor frame, ascending.
 
-        Of joints that follow another it is the place of that one.
+        For a joint that follows another, the index is its leader's.
 
         Raises:
             UnknownNameError: listing all frames.
@@ -283,7 +283,7 @@ class PepperModel:
         return sorted(places)
 
     def joint_index(self, name: str) -> int:
-        """Return the place of a joint in every joint vector.
+        """Return the index of a joint in every joint vector.
 
         Raises:
             UnknownNameError: listing all joints.
@@ -307,23 +307,23 @@ class PepperModel:
     def resolve_joints(
         self, joints: str | Iterable[str] | None, *, allow_none: bool = False
     ) -> tuple[str, ...]:
-        """Return the names of joints, given by groups and joints mixed.
+        """Return the names of joints that are given by joints and groups, in any mixture.
 
-        All functions with an argument `joints` use this one.
+        All functions with an argument `joints` use this method.
 
         Args:
-            joints: A name, or several, such as `["right_arm", "HeadYaw"]`: joints, and groups, which stand
-                for all of their joints in the order of the joint vector. None for all joints. A name that is
-                both means the joint.
-            allow_none: Whether no joint at all may be left.
+            joints: Name or list of names of joints and groups, such as `["right_arm", "HeadYaw"]`; a group
+                stands for its joints in the order of the joint vector. None for all joints. A name of both a
+                joint and a group means the joint.
+            allow_none: Whether an empty result is allowed.
 
         Returns:
             The names in the order given, each once.
 
         Raises:
-            UnknownNameError: for a name that is neither, listing joints and groups.
-            InvalidValueError: for something that is not a list of names, or where no joint is left: the
-                fingers of locked hands are groups without joints.
+            UnknownNameError: for a name that is neither a joint nor a group, listing both.
+            InvalidValueError: for anything but names, or for an empty result: the fingers of locked hands are
+                groups without joints.
         """
         if joints is None:
             return self.joint_names
@@ -345,8 +345,8 @@ class PepperModel:
     def posture(self, name: str) -> NDArray[np.float64]:
         """Return a named posture of the whole body, shape (n,) [rad or m].
 
-        Postures are the states of the SRDF's group `whole_body`, or of all its groups where that has none.
-        Joints that the posture does not mention (a moving base) are at zero, or at the nearest limit.
+        Postures are the states of the SRDF's group `whole_body`, or of all its groups if `whole_body` has
+        none. Joints that the posture does not mention (a moving base) are at zero, or at the nearest limit.
 
         Raises:
             UnknownNameError: listing all postures.
@@ -360,10 +360,10 @@ class PepperModel:
         return np.clip(q, self.lower_limits, self.upper_limits)
 
     def neutral(self) -> NDArray[np.float64]:
-        """Return Stand where the robot has it, else zero moved into the limits, shape (n,) [rad or m].
+        """Return Stand if the robot has it, else zero moved into the limits, shape (n,) [rad or m].
 
-        It fills in joints that nobody names, as in `joint_vector`; a twin that is put nowhere stands there,
-        so that commands made by `joint_vector` do not jump, and IK without a `start` begins there.  In
+        It sets joints that a call does not name, as in `joint_vector`. A twin without a start posture begins
+        there, so that commands made by `joint_vector` do not jump, and so does IK without a `start`.  In
         NAOqi's Stand Pepper's wrists are 3 mm from the pelvis: begin motions from `default_posture()`.
         """
         if "Stand" in self.posture_names:
@@ -371,9 +371,9 @@ class PepperModel:
         return np.clip(np.zeros(self.n), self.lower_limits, self.upper_limits)
 
     def default_posture(self) -> NDArray[np.float64]:
-        """Return where the robot stands when nobody says, shape (n,) [rad or m].
+        """Return the posture in which viewers and demos begin, shape (n,) [rad or m].
 
-        It is Ready, which is Stand with room around the wrists, where the robot has it, else `neutral()`.
+        It is Ready, which is Stand with room around the wrists, if the robot has it, else `neutral()`.
         Viewers, the live page and the demo begin there.
         """
         return self.posture("Ready") if "Ready" in self.posture_names else self.neutral()
@@ -394,37 +394,37 @@ class PepperModel:
         acceleration: JointValues | None = None,
         effort: JointValues | None = None,
     ) -> PepperModel:
-        """Return the robot with other limits; this one stays as it is.
+        """Return a copy of the robot with other limits.
 
             careful = pepper.with_limits(velocity=0.5 * pepper.velocity_limits, upper={"HipPitch": 0.2})
 
-        The new limits are written into the new model's URDF, so that everything that is computed of it, its
-        exports among them, has them; machine code made for this model is not used for it.  Named postures are
-        moved into the new limits.
+        The new limits are written into the new model's URDF, so that all computations and exports use them;
+        machine code made for the old model is not used. Named postures are moved into the new limits.
 
         Args:
-            lower: Lower limits [rad or m]: one number for all joints, shape (n,), or names of joints and
-                groups with a number each, the others as they are. -inf, with an upper one of inf, for none.
-            upper: Upper limits [rad or m], in the same forms.
-            velocity: Velocity limits [rad/s or m/s], in the same forms; inf for none.
-            acceleration: Acceleration limits [rad/s^2 or m/s^2], likewise.
-            effort: Effort limits [N m or N], likewise.
+            lower: Lower limits [rad or m]: one number for all joints, shape (n,), or a mapping from joints
+                and groups to numbers, which keeps the limits of other joints. -inf, with an upper limit of
+                inf, for no limits.
+            upper: Upper limits [rad or m], in the forms of `lower`.
+            velocity: Velocity limits [rad/s or m/s], in the forms of `lower`; inf for none.
+            acceleration: Acceleration limits [rad/s^2 or m/s^2], in the forms of `lower`; inf for none.
+            effort: Effort limits [N m or N], in the forms of `lower`; inf for none.
 
         Returns:
             A new model.
 
         Raises:
             UnknownNameError: for a joint or group that the robot lacks.
-            InvalidValueError: naming joint and limit, for a lower limit above the upper one, one that is
-                widened beyond a turn, as by degrees, another limit that is not above zero, one that a joint
-                that follows does not allow, a wrong shape, or NaN.
+            InvalidValueError: naming joint and limit, for a lower limit above the upper one, a position limit
+                widened beyond a turn, which is probably in degrees, another limit that is not above zero, a
+                limit that a following joint does not allow, a wrong shape, or NaN.
             ModelError: after `with_pinocchio_model`, whose model the new one would lose.
         """
         changes = {"lower": lower, "upper": upper, "velocity": velocity}
         return changed_model.with_limits(self, {**changes, "acceleration": acceleration, "effort": effort})
 
     def with_requirements(self, requirements: MotionRequirements | str) -> PepperModel:
-        """Return the robot whose motions keep something else in reserve; this one stays as it is.
+        """Return a copy of the robot whose motions keep other reserves.
 
             fast = pepper.with_requirements("limits")
 
@@ -432,8 +432,8 @@ class PepperModel:
         `balance` says otherwise.
 
         Args:
-            requirements: `MotionRequirements`, or a name: "limits", all that the limits allow; "reserve", a
-                balance of 10 mm and 90 % of the torque, the default of robots whose wheels are known.
+            requirements: `MotionRequirements`, or a name: "limits" for no reserve; "reserve" for a balance of
+                10 mm and 90 % of the torque, the default of robots whose wheels are known.
 
         Returns:
             A new model.
@@ -445,13 +445,13 @@ class PepperModel:
         return self.with_parts(requirements=as_requirements(requirements))
 
     def with_solvers(self, solvers: str) -> PepperModel:
-        """Return the robot that others' libraries, or this one, compute; this one stays as it is.
+        """Return a copy of the robot that uses this library's solvers or other libraries'.
 
             by_the_field = pepper.with_solvers("reference")
 
         "reference": Pinocchio computes dynamics and the twin, placo (proxsuite where it is not installed)
-        inverse kinematics, coal every collision, toppra the timing; machine code of this library searches
-        and compares.  A call's own `solver` comes first.
+        inverse kinematics, coal every collision, toppra the timing; this library's machine code searches and
+        compares. The argument `solver` of a call has priority.
 
         Args:
             solvers: "fast" or "reference".
@@ -465,14 +465,14 @@ class PepperModel:
         return self.with_parts(solvers=check_choice("solvers", solvers, SOLVERS))
 
     def with_pinocchio_model(self, model: Any) -> PepperModel:
-        """Return the robot with another model of Pinocchio's; this one stays as it is.
+        """Return a copy of the robot with a changed `pinocchio.Model`.
 
             heavier = pepper.pinocchio_model
             heavier.inertias[4].mass += 0.3
             pepper = pepper.with_pinocchio_model(heavier)
 
-        Its masses, inertias, placements, rotors and gravity hold for all that is computed, and for copies and
-        other processes.  Limits in it are not read: see `with_limits`.
+        All computations use its masses, inertias, placements, rotors and gravity, in copies and other
+        processes too. Its limits are not read: see `with_limits`.
 
         Args:
             model: A `pinocchio.Model` with the joints of `pinocchio_model`, in its order; it is copied.
@@ -486,10 +486,10 @@ class PepperModel:
         return changed_model.with_pinocchio_model(self, model)
 
     def with_masses(self, masses: Mapping[str, float]) -> PepperModel:
-        """Return the robot with other masses of some links; this one stays as it is.
+        """Return a copy of the robot with other masses of some links.
 
-        A link's inertia about its center of mass grows in proportion, and the center of mass stays where it
-        is.  All is as in `with_limits`.  For what a hand carries, functions take `payload`.
+        A link's inertia about its center of mass scales with its mass; the center of mass is kept. The new
+        model's URDF has the masses, as in `with_limits`. For objects in a hand, functions take `payload`.
 
         Args:
             masses: Link -> mass [kg], above zero.
@@ -498,7 +498,7 @@ class PepperModel:
             A new model.
 
         Raises:
-            UnknownNameError: for a link that the robot lacks, or that has no mass, listing those that have.
+            UnknownNameError: for an unknown link or one without mass, listing the links with mass.
             InvalidValueError: for a mass that is not above zero.
             ModelError: after `with_pinocchio_model`, whose model the new one would lose.
         """
@@ -511,13 +511,13 @@ class PepperModel:
         rest: str | ArrayLike | None = None,
         check_limits: bool = False,
     ) -> NDArray[np.float64]:
-        """Return a joint vector with some joints set and the rest from Stand, or with all set, shape (n,).
+        """Return a joint vector with some joints set and the others from Stand, or with all set, shape (n,).
 
         Args:
             values: Joint name -> position [rad or m], or group name -> positions of its joints in the order
                 of `joint_group`; or all n positions in the order of `joint_names`.
-            rest: Where joints are that `values` does not name: a posture's name, or n positions; Stand where
-                the robot has it if omitted, see `neutral`.
+            rest: Positions of joints that `values` does not name: a posture's name, or n positions [rad or
+                m]; `neutral()` if omitted.
             check_limits: Whether positions outside the joint limits are refused.
 
         Returns:
@@ -525,7 +525,7 @@ class PepperModel:
 
         Raises:
             UnknownNameError: for a joint, group or posture that the robot lacks.
-            InvalidValueError: for a value that is not a finite number, a wrong number of them, or a joint
+            InvalidValueError: for a value that is not a finite number, a wrong number of values, or a joint
                 that is named twice.
             LimitError: with `check_limits`, naming the joint that is farthest outside.
         """
@@ -544,13 +544,13 @@ class PepperModel:
         return self.neutral() if rest is None else as_finite(rest, "rest", (self.n,)).copy()
 
     def _named(self, values: Mapping[str, ArrayLike]) -> dict[int, float]:
-        """Return index -> position of joints that are given by names of joints and groups.
+        """Return index -> position [rad or m] of joints that are given by joint and group names.
 
         Args:
-            values: A joint's position [rad or m], a number; a group's, shape (k,) for its k joints.
+            values: Joint -> position [rad or m], or group -> positions of its k joints, shape (k,).
 
         Raises:
-            UnknownNameError: for a name that is neither.
+            UnknownNameError: for a name that is neither a joint nor a group.
             InvalidValueError: for a wrong shape, NaN or infinity, or a joint with two values.
         """
         found: dict[int, float] = {}

@@ -1,4 +1,4 @@
-"""Numbers of texts, read strictly; here, because the keys of a robot's machine code name this package."""
+"""Strict reading of numbers in texts; in this package because keys of a robot's machine code name it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _PLAIN = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 def plain_number(text: str) -> float:
     """Return the number that a text states in ASCII digits; NaN for anything else, such as 1_0 or \u0661.
 
-    NaN and infinity in words are NaN here, and so is what exceeds the largest float.
+    The words nan and inf, and numbers beyond the largest float, give NaN.
     """
     if _PLAIN.fullmatch(text.strip(" \t\r\n")) is None:
         return math.nan

@@ -1,4 +1,4 @@
-"""A URDF with nothing in it but joints and masses, for libraries that would stumble over the rest."""
+"""URDF with joints and masses only, for libraries that cannot read shapes and mimic elements."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from pepper_kin.model.urdf_document import MOVING_TYPES, UrdfDocument
 from pepper_kin.model.xml_text import own_child
 
 UNBOUNDED = 1e9
-"""Limit of a joint that has none [rad]."""
+"""Limit written for a joint without one [rad, rad/s or m/s, N m or N]."""
 
 
 def plain_urdf(document: UrdfDocument) -> str:
     """Return the URDF without shapes and mimic elements, continuous joints as revolute, limits written out.
 
-    So each joint has one coordinate in Pinocchio, placo and MuJoCo alike, and no mesh is looked for.
+    Each joint then has one coordinate in Pinocchio, placo and MuJoCo, and no mesh file is needed.
 
     Args:
         document: The robot.
 
     Returns:
-        The text.
+        Text of the URDF.
     """
     root = document.copied_tree()
     for link in root.findall("link"):

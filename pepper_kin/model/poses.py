@@ -2,8 +2,8 @@
 
 Rotations are matrices R, shape (..., 3, 3), that map coordinates of a frame to those of another, and poses
 matrices, shape (..., 4, 4), with R and the frame's origin [m].  Roll, pitch and yaw are URDF's, about fixed
-axes: R = Rz(yaw) Ry(pitch) Rx(roll) [rad].  A quaternion's order is always said: "xyzw", the scalar last, as
-in ROS and SciPy, or "wxyz", the scalar first, as in MuJoCo and Drake.
+axes: R = Rz(yaw) Ry(pitch) Rx(roll) [rad].  A quaternion's order is always explicit: "xyzw", the scalar last,
+as in ROS and SciPy, or "wxyz", the scalar first, as in MuJoCo and Drake.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from pepper_kin.model.shapes import rotation_rpy
 ORDERS = ("xyzw", "wxyz")
 
 UNIT_TOLERANCE = 1e-3
-"""How far from 1 the length of a quaternion may be: components rounded to three decimals are taken."""
+"""Maximum deviation of a quaternion's length from 1: components may be rounded to three decimals."""
 
 _ROTATION_TOLERANCE = 1e-6
 
@@ -108,7 +108,7 @@ def rpy_from_rotation(rotation: ArrayLike) -> Array:
 
 
 def rpy_of(rotation: Array) -> tuple[float, float, float]:
-    """Return roll, pitch and yaw [rad] of one rotation that is known to be one, shape (3, 3)."""
+    """Return roll, pitch and yaw [rad] of a checked rotation matrix, shape (3, 3)."""
     r = rotation
     pitch = math.atan2(-r[2, 0], math.hypot(r[0, 0], r[1, 0]))
     if math.hypot(r[0, 0], r[1, 0]) < 1e-9:
@@ -120,12 +120,12 @@ def rotation_from_quaternion(quaternion: ArrayLike, *, order: str = "xyzw") -> A
     """Return the rotation, shape (..., 3, 3), of a unit quaternion, shape (..., 4).
 
     Args:
-        quaternion: Its components; q and -q are the same rotation.
+        quaternion: Components, shape (..., 4); q and -q are the same rotation.
         order: "xyzw" (scalar last) or "wxyz" (scalar first).
 
     Raises:
-        InvalidValueError: for another shape or order, NaN, or a length that is not 1 to 0.001; what is nearer
-            is made 1.
+        InvalidValueError: for another shape or order, NaN, or a length that is not 1 to 0.001; other lengths
+            are normalized.
     """
     check_choice("order", order, ORDERS)
     q = as_batch(quaternion, f"quaternion ({order})", (4,))
@@ -151,7 +151,7 @@ def quaternion_from_rotation(rotation: ArrayLike, *, order: str = "xyzw") -> Arr
     """Return the unit quaternion, shape (..., 4), with a scalar w >= 0, of rotations, shape (..., 3, 3).
 
     Args:
-        rotation: Rotation matrices; of a pose `pose[..., :3, :3]`.
+        rotation: Rotation matrices, shape (..., 3, 3); `pose[..., :3, :3]` of a pose.
         order: "xyzw" (scalar last) or "wxyz" (scalar first).
 
     Raises:
@@ -164,9 +164,10 @@ def quaternion_from_rotation(rotation: ArrayLike, *, order: str = "xyzw") -> Arr
 
 
 def quaternions_of(rotations: Array) -> Array:
-    """Return quaternions (x, y, z, w), shape (..., 4), of either sign, of what is known to be rotations.
+    """Return quaternions (x, y, z, w) of either sign, shape (..., 4), of checked rotations.
 
-    Each row of 4 q q' is q times one of its components; that of the largest is taken (Shepperd 1978).
+    Each row of 4 q q' is 4 q times one of q's components; the row of the largest component is normalized
+    (Shepperd 1978).
     """
     r = np.moveaxis(rotations, (-2, -1), (0, 1))
     x, y, z = r[0, 0], r[1, 1], r[2, 2]
@@ -190,7 +191,7 @@ def check_rotations(rotations: Array, quantity: str = "rotation") -> Array:
     """Return matrices, shape (..., 3, 3), if they are orthonormal and right-handed to 1e-6.
 
     Raises:
-        InvalidValueError: with the first that is not.
+        InvalidValueError: with the first matrix that is not a rotation.
     """
     skewness = np.abs(rotations @ np.swapaxes(rotations, -1, -2) - np.eye(3)).max(axis=(-2, -1))
     bad = (skewness > _ROTATION_TOLERANCE) | (np.linalg.det(rotations) < 0)

@@ -1,4 +1,4 @@
-"""What motions keep in reserve: a margin of balance, and torque for the servos."""
+"""Reserves of motions: a margin of balance, and torque for the servos."""
 
 from __future__ import annotations
 
@@ -14,34 +14,36 @@ if TYPE_CHECKING:
     from pepper_kin.model.pepper_model import PepperModel
 
 Balance: TypeAlias = float | Literal["robot"] | None
-"""Distance from the edges of the wheels' triangle [m]; "robot": the robot's own; None leaves balance out."""
+"""Distance from the edges of the wheels' triangle [m]; "robot": the robot's own; None: no balance
+constraint."""
 
 TorqueScale: TypeAlias = float | Literal["robot"]
-"""Share of the effort limits in (0, 1]; "robot": the robot's own."""
+"""Fraction of the effort limits in (0, 1]; "robot": the robot's own."""
 
 ROBOT: Literal["robot"] = "robot"
 
 WHEELS = ("WheelFL_link", "WheelB_link", "WheelFR_link")
-"""Links of a description that stand on the floor, counter-clockwise seen from above."""
+"""Links of Pepper's wheels on the floor, counter-clockwise seen from above."""
 
 HOLDING_SHARE = 0.95
-"""Share of the effort that a motion may use which holding still may take; the rest is left to move with."""
+"""Fraction of a motion's usable effort that holding still may take; the rest is for acceleration."""
 
 ROOM_TO_MOVE = 0.004
-"""What a path keeps beyond the balance asked for, so that accelerations may use it [m]."""
+"""Balance margin of a path in addition to the required balance, which accelerations may use [m]."""
 
 
 @dataclass(frozen=True)
 class MotionRequirements:
-    """What inverse kinematics, plans, timing and live motion keep unless a call says otherwise.
+    """Reserves that inverse kinematics, plans, timing and live motion keep, unless a call overrides them.
 
     Attributes:
         balance: Distance that the zero-moment point, and at rest the center of mass, keeps from the edges of
-            the wheels' triangle [m]; None leaves balance out.
-        torque_scale: Share of the effort limits that a motion may use; servos correct errors with the rest.
+            the wheels' triangle [m]; None for no balance constraint.
+        torque_scale: Fraction of the effort limits that a motion may use; servos correct errors with the
+            rest.
 
     Raises:
-        InvalidValueError: for a balance that is no distance, or a share that is not in (0, 1].
+        InvalidValueError: for a balance that is not a distance, or a fraction that is not in (0, 1].
     """
 
     balance: float | None = 0.01
@@ -55,12 +57,12 @@ class MotionRequirements:
 
     @property
     def holding_share(self) -> float:
-        """Share of the effort limits that holding still may take."""
+        """Fraction of the effort limits that holding still may take."""
         return HOLDING_SHARE * self.torque_scale
 
 
 def as_requirements(requirements: MotionRequirements | str) -> MotionRequirements:
-    """Return requirements that may be given by their name in `NAMED`.
+    """Return requirements, which may be given by a name of `NAMED`.
 
     Raises:
         UnknownNameError: listing the names.
@@ -77,10 +79,10 @@ def as_requirements(requirements: MotionRequirements | str) -> MotionRequirement
 
 
 def kept_torque_scale(pepper: PepperModel, torque_scale: TorqueScale) -> float:
-    """Return the share of the effort limits that a motion may use.
+    """Return the fraction of the effort limits that a motion may use.
 
     Raises:
-        InvalidValueError: unless it is in (0, 1], or "robot".
+        InvalidValueError: unless `torque_scale` is in (0, 1], or "robot".
     """
     if isinstance(torque_scale, str) and torque_scale == ROBOT:
         return pepper.requirements.torque_scale
@@ -93,10 +95,10 @@ def limited_efforts(pepper: PepperModel) -> np.ndarray:
 
 
 def checked_share(quantity: str, value: float) -> float:
-    """Return the share of a limit that may be used, such as `velocity_scale`, as a float.
+    """Return the usable fraction of a limit, such as `velocity_scale`, as a float.
 
     Raises:
-        InvalidValueError: unless it is in (0, 1].
+        InvalidValueError: unless the fraction is in (0, 1].
     """
     share = check_positive(quantity, value)
     if share > 1.0:
@@ -108,7 +110,7 @@ def checked_distance(balance: object) -> float:
     """Return a balance as a float [m].
 
     Raises:
-        InvalidValueError: unless it is a finite distance of 0 or more.
+        InvalidValueError: unless the balance is a finite distance of 0 or more.
     """
     if not 0.0 <= as_real(balance) < np.inf:
         allowed = 'a finite distance of 0 or more [m], "robot" for the robot\'s own, or None'
@@ -117,4 +119,4 @@ def checked_distance(balance: object) -> float:
 
 
 NAMED = {"reserve": MotionRequirements(), "limits": MotionRequirements(None, 1.0)}
-"""By name: "reserve" is the default of a robot whose wheels are known; "limits" all that the limits allow."""
+"""Requirements by name: "reserve", default of a robot whose wheels are known; "limits", without reserve."""

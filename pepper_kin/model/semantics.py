@@ -12,24 +12,24 @@ from pepper_kin.model.urdf_document import Joint, UrdfDocument
 from pepper_kin.model.xml_source import MOST, XmlText, parse_xml
 
 MOST_NAMED = 8
-"""Unknown names of a kind that a sentence lists."""
+"""Maximum number of unknown names of a kind listed in a sentence."""
 ROUNDED = 1e-5
-"""How far rounding may move a value of a state [rad or m]."""
+"""Maximum change of a state's value that rounding explains [rad or m]."""
 MOST_NAMES = 2_000_000
-"""Members of all groups, and pairs of links, that an SRDF may list by its groups, chains and defaults."""
+"""Maximum number of members of all groups, and of pairs of links, that an SRDF may define."""
 
 
 @dataclass(frozen=True)
 class Semantics(XmlText):
-    """What an SRDF adds to a URDF.
+    """Contents of an SRDF: groups, states and disabled pairs.
 
     Attributes:
         groups: Group name -> joint names in tree order (moving joints only).
         states: (group name, state name) -> joint name -> value [rad, m, or opening of a hand].
         disabled_pairs: Pairs of links whose collisions are not checked, each sorted, with the reason.
-        unknown: ("joint", "link" or "group", name) that the SRDF names and that there are not.
-        changed: A sentence for each value of a state that no posture of the robot has.
-        text: The SRDF it was read from; empty where there was none, which has no `tree`.
+        unknown: ("joint", "link" or "group", name) of each name in the SRDF that the robot does not have.
+        changed: Sentences about values of states that no posture of the robot has.
+        text: Text of the SRDF; empty without an SRDF, and then there is no `tree`.
     """
 
     groups: dict[str, tuple[str, ...]] = field(default_factory=dict)
@@ -40,7 +40,7 @@ class Semantics(XmlText):
     text: str = field(default="", repr=False)
 
     def unknown_names(self) -> str:
-        """Say in a sentence which joints, links and groups are named but not there; empty if none are."""
+        """Return a sentence that lists the unknown joints, links and groups; empty if there are none."""
         parts = []
         for kind in ("joint", "link", "group"):
             names = [shortened(repr(name)) for of, name in self.unknown if of == kind]
@@ -50,10 +50,10 @@ class Semantics(XmlText):
         return f"the robot has no {'; no '.join(parts)}, which are left out" if parts else ""
 
     def postures(self) -> dict[str, dict[str, float]]:
-        """Postures of the whole body: name -> joint name -> value.
+        """Return the postures of the whole body: name -> joint name -> value [rad or m].
 
-        They are the states of the group `whole_body`; where it has none (most SRDFs name no such group), the
-        states of all groups, those of one name joined.
+        They are the states of the group `whole_body`. If it has none (most SRDFs name no such group), they
+        are the states of all groups, joined by name.
         """
         whole = any(group == "whole_body" for group, _ in self.states)
         found: dict[str, dict[str, float]] = {}
@@ -68,22 +68,22 @@ def parse_srdf(text: str, urdf: UrdfDocument) -> Semantics:
 
     Args:
         text: The XML.
-        urdf: The robot.  Joints, links and chains of the SRDF that it lacks (fingers of a locked hand) are
-            left out, as are sub-groups that there are not: `Semantics.unknown` names them.
+        urdf: The robot.  Joints, links and chains of the SRDF that the robot lacks (fingers of a locked hand)
+            are left out, as are undefined sub-groups: `Semantics.unknown` names them.
 
     Returns:
         Groups, states and disabled pairs.  `disable_default_collisions` disables all pairs of a link, and
         `enable_collisions` makes an exception, as in MoveIt.
 
     Raises:
-        ModelError: on malformed XML, another root than <robot>, a group that holds itself, or a state whose
-            value is no finite number.
+        ModelError: for malformed XML, a root other than <robot>, a group that contains itself, or a state
+            whose value is not a finite number.
     """
     return _SrdfReader(parse_xml(text, "SRDF"), urdf).semantics(text)
 
 
 class _SrdfReader:
-    """Reads elements; what names something that there is not is left out and noted."""
+    """Reader of an SRDF's elements, which leaves out and notes unknown names."""
 
     def __init__(self, root: ET.Element, urdf: UrdfDocument) -> None:
         self.root, self.urdf = root, urdf
@@ -93,14 +93,14 @@ class _SrdfReader:
         self.parent_joint = {joint.child: joint for joint in urdf.joints}
         self.groups: dict[str, ET.Element] = {}
         for group in root.findall("group"):
-            self.groups.setdefault(_name(group), group)  # MoveIt keeps the first of one name as well
+            self.groups.setdefault(_name(group), group)  # the first of a name counts, as in MoveIt
         self.unknown: dict[tuple[str, str], None] = {}
         self.changed: list[str] = []
         self.members: dict[str, set[str]] = {}
         self.counted = 0
 
     def semantics(self, text: str) -> Semantics:
-        """Return all that the elements say."""
+        """Return the groups, states and disabled pairs of the SRDF."""
         moving = [joint.name for joint in self.urdf.joints if joint.type != "fixed"]
         members = {group: self._members(group) for group in self.groups}
         place = {name: k for k, name in enumerate(moving)}
@@ -123,13 +123,13 @@ class _SrdfReader:
         return Semantics(groups, states, pairs, tuple(self.unknown), tuple(self.changed), text)
 
     def _count(self, names: int) -> None:
-        """Refuse a small text that stands for endless lists of names."""
+        """Count names, and refuse a short text that defines too many of them."""
         self.counted += names
         if self.counted > MOST_NAMES:
             raise ModelError(f"SRDF: its groups and pairs list more than {MOST_NAMES} names")
 
     def _known(self, kind: str, element: ET.Element, attribute: str = "name") -> str | None:
-        """Return a name if there is such a thing; else None, and note it where it is not empty."""
+        """Return the name in an attribute if such a part exists; else None, and note the unknown name."""
         name = _name(element, attribute)
         if name in {"joint": self.joints, "link": self.links, "group": self.groups}[kind]:
             return name
@@ -138,7 +138,7 @@ class _SrdfReader:
         return None
 
     def _state_values(self, state: ET.Element) -> dict[str, float]:
-        """Return the values of a state; but those of a free-flyer: a URDF has none."""
+        """Return the values of a state, without floating joints, which have several values."""
         values: dict[str, float] = {}
         single = {joint.name for joint in self.urdf.joints}
         for joint in state.findall("joint"):
@@ -158,6 +158,7 @@ class _SrdfReader:
         return values
 
     def _disabled_pairs(self) -> dict[tuple[str, str], str]:
+        """Return the pairs of links that are not checked, with the reason."""
         pairs: dict[tuple[str, str], str] = {}
         for element in self.root.findall("disable_default_collisions"):
             link = self._known("link", element, "link")
@@ -196,7 +197,7 @@ class _SrdfReader:
         return self.members[group]
 
     def _sub_groups(self, group: str) -> list[str]:
-        """Return the groups that are named in a group."""
+        """Return the known sub-groups of a group."""
         names = (self._known("group", sub) for sub in self.groups[group].findall("group"))
         return [name for name in names if name is not None]
 
@@ -209,7 +210,7 @@ class _SrdfReader:
         for chain in element.findall("chain"):
             base, tip = self._known("link", chain, "base_link"), self._known("link", chain, "tip_link")
             if base is not None and tip is not None:
-                # What both ends hang on lies beyond the chain, which may go up one branch and down another.
+                # Joints above both ends are not in the chain, which may go up one branch and down another.
                 members |= self._joints_above(base) ^ self._joints_above(tip)
         for link in element.findall("link"):
             joint = self.parent_joint.get(self._known("link", link) or "")
@@ -218,6 +219,7 @@ class _SrdfReader:
         return members
 
     def _joints_above(self, link: str) -> set[str]:
+        """Return the joints between a link and the root."""
         joints = set()
         while link in self.parent_joint:
             joint = self.parent_joint[link]
@@ -228,10 +230,10 @@ class _SrdfReader:
 
 
 def changed_states(states: Mapping[tuple[str, str], Mapping[str, float]], urdf: UrdfDocument) -> list[str]:
-    """Say which values of states no posture of a robot has, a sentence each.
+    """Return a sentence for each value of a state that no posture of the robot has.
 
     Args:
-        states: As in `Semantics`.
+        states: (group name, state name) -> joint name -> value [rad or m].
         urdf: The robot.
     """
     sentences = []
@@ -257,9 +259,9 @@ def changed_states(states: Mapping[tuple[str, str], Mapping[str, float]], urdf: 
 
 
 def _followed(name: str, values: Mapping[str, float], joints: Mapping[str, Joint]) -> float:
-    """Return where a joint is that follows another, which may follow a third [rad or m]."""
+    """Return the position of a following joint, through chains of mimic joints [rad or m]."""
     gain, shift = 1.0, 0.0
-    for _ in joints:  # at most so many follow one another
+    for _ in joints:  # the length of a chain is at most the number of joints
         mimic = joints[name].mimic if name in joints else None
         if mimic is None:
             break
@@ -268,6 +270,7 @@ def _followed(name: str, values: Mapping[str, float], joints: Mapping[str, Joint
 
 
 def _place(state: ET.Element) -> str:
+    """Return a state's name and group for a message."""
     return f"state {shortened(_name(state))!r} of group {shortened(_name(state, 'group'))!r}"
 
 

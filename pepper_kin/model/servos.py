@@ -1,4 +1,4 @@
-"""Gains of the joints' position servos, which the twin and MuJoCo's file share."""
+"""Gains of the joints' position servos, for the twin and the MJCF export."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class ServoGains(NamedTuple):
         stiffness: Kp [N m/rad or N/m], shape (n,).
         damping: Kd [N m s/rad or N s/m], shape (n,).
         torque_limit: Effort limits of the description [N m or N], shape (n,); inf for none.
-        sources: Where each joint's gains come from, or "assumed".
+        sources: Source of each joint's gains, or "assumed: ...".
     """
 
     stiffness: NDArray[np.float64]
@@ -43,8 +43,7 @@ def servo_gains(pepper: PepperModel, inertia: NDArray[np.float64]) -> ServoGains
 
     Args:
         pepper: The robot.
-        inertia: I, each joint's own in the neutral posture, the diagonal of the mass matrix [kg m^2 or kg],
-            shape (n,).
+        inertia: I, diagonal of the mass matrix in the neutral posture [kg m^2 or kg], shape (n,).
     """
     effort = pepper.effort_limits
     stiffness = np.where(np.isfinite(effort), effort / FULL_TORQUE_ERROR, inertia * _FREE_FREQUENCY**2)
@@ -58,7 +57,7 @@ def servo_gains(pepper: PepperModel, inertia: NDArray[np.float64]) -> ServoGains
 
 
 def known_actuators(pepper: PepperModel) -> dict[str, dict[str, Any]]:
-    """Return what `data/actuators.json` has of a robot's joints, by joint; empty for others than Pepper."""
+    """Return the rows of `data/actuators.json` by joint; empty for robots other than Pepper."""
     return dict(actuator_data()["joints"]) if pepper.name.lower().startswith("pepper") else {}
 
 

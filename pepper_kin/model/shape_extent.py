@@ -1,4 +1,4 @@
-"""Extent of a link's shapes: the box that its center of mass must lie in."""
+"""Extent of a link's shapes: the box in which its center of mass must lie."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute
 
 
 def link_extent(link: LinkFacts) -> NDArray[np.float64] | None:
-    """Return the box around all shapes of a link, [[lower x, y, z], [upper x, y, z]] [m], axes of the link.
+    """Return the box around all shapes of a link, [[lower x, y, z], [upper x, y, z]] [m], in the link frame.
 
-    None where it has no shape whose size can be read.
+    None for a link without a shape whose size can be read.
     """
     boxes = [box for shape in link.shapes if (box := _extent(shape)) is not None]
     if not boxes:
@@ -27,6 +27,7 @@ def link_extent(link: LinkFacts) -> NDArray[np.float64] | None:
 
 
 def _extent(shape: ShapeFacts) -> NDArray[np.float64] | None:
+    """Return the box around a shape in the link frame [m], shape (2, 3); None for an unreadable mesh."""
     rotation, center = shape.pose[:3, :3], shape.pose[:3, 3]
     if shape.kind == "mesh":
         points = None if shape.path is None else mesh_points(shape.path)
@@ -40,14 +41,14 @@ def _extent(shape: ShapeFacts) -> NDArray[np.float64] | None:
         radius = shape.sizes["radius"][0]
         axis = rotation[:, 2]
         half = shape.sizes.get("length", (0.0,))[0] / 2
-        # A disc of normal `axis` reaches radius * sqrt(1 - axis_i^2) along i, a ball reaches radius.
+        # A disk of normal `axis` extends radius * sqrt(1 - axis_i^2) along i, a sphere extends radius.
         across = np.sqrt(np.clip(1 - axis**2, 0, None)) if shape.kind == "cylinder" else np.ones(3)
         reach = half * np.abs(axis) + radius * across
     return np.array([center - reach, center + reach])
 
 
 def mesh_points(path: Path) -> NDArray[np.float64] | None:
-    """Return the corners of an STL or OBJ mesh, (k, 3), in the file's unit; None where it cannot be read."""
+    """Return the vertices of an STL or OBJ mesh, shape (k, 3), in the file's unit; None if unreadable."""
     try:
         content = read_bytes(path)
     except FileFormatError:
@@ -65,6 +66,7 @@ def mesh_points(path: Path) -> NDArray[np.float64] | None:
 
 
 def _numbers_after(content: bytes, keyword: bytes) -> NDArray[np.float64] | None:
+    """Return the three numbers after each keyword of a text file, shape (k, 3); None if malformed."""
     lines = [line.split() for line in content.splitlines()]
     rows = [[plain_number(v.decode("latin-1")) for v in x[1:4]] for x in lines if x and x[0] == keyword]
     if any(len(row) != 3 for row in rows):

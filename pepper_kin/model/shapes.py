@@ -1,4 +1,4 @@
-"""Geometric shapes that hang on the links of a robot or stand in its world."""
+"""Geometric shapes of a robot's links and of obstacles."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def _three(quantity: str, value: ArrayLike, allowed: str) -> tuple[float, float,
     """Return three finite numbers, shape (3,).
 
     Raises:
-        InvalidValueError: with what is allowed, for anything else.
+        InvalidValueError: for anything but three finite numbers, with the text `allowed`.
     """
     try:
         x, y, z = as_finite(value, quantity, (3,)).tolist()
@@ -94,7 +94,7 @@ class Capsule:
 
     Attributes:
         radius: Radius [m].
-        length: Length of the segment, without the two round ends [m].
+        length: Length of the segment between the centers of the two hemispheres [m].
     """
 
     radius: float
@@ -109,7 +109,7 @@ class Mesh:
     """A triangle mesh in a file.
 
     Attributes:
-        path: The file (STL, OBJ or DAE).
+        path: Path of the file (STL, OBJ or DAE).
         scale: Factors along x, y and z.
     """
 
@@ -138,7 +138,7 @@ class Shape(FrozenArrays):
         name: Unique name.
         link: The link that carries it.
         geometry: The geometry, in its own frame.
-        transform_shape_to_link: (4, 4), read-only.
+        transform_shape_to_link: Pose of the shape in the link's frame [m], shape (4, 4), read-only.
         color: Red, green, blue and opacity, 0 to 1.
     """
 
@@ -158,6 +158,7 @@ def rotation_rpy(roll: float, pitch: float, yaw: float) -> NDArray[np.float64]:
 
 
 def _rows_rpy(roll: float, pitch: float, yaw: float) -> list[list[float]]:
+    """Return the rows of Rz(yaw) Ry(pitch) Rx(roll) [rad]."""
     cr, sr, cp, sp = math.cos(roll), math.sin(roll), math.cos(pitch), math.sin(pitch)
     cy, sy = math.cos(yaw), math.sin(yaw)
     return [
@@ -189,7 +190,7 @@ def rotation_to_axis(axis: ArrayLike) -> NDArray[np.float64]:
 def product(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the product of a matrix, shape (3, 3), and a matrix or vector, shape (3, k) or (3,).
 
-    It is rounded alike on every processor, as what goes into machine code must be; BLAS's is not.
+    Rounding is the same on every processor, as values in machine code require; BLAS's is not.
     """
     terms = first[:, :, np.newaxis] * second.reshape(1, 3, -1)
     return (terms[:, 0] + terms[:, 1] + terms[:, 2]).reshape(second.shape)

@@ -1,4 +1,4 @@
-"""A few dozen spheres that contain the body: what batches and planners check quickly."""
+"""Spheres that contain Pepper's links, for quick collision checks by batches and planners."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from pepper_kin.model.urdf_document import UrdfDocument
 
 _COLOR = (0.95, 0.55, 0.15, 0.45)
 _MOVING_FINGERS = (0.0913, -0.00706, -0.02048, 0.0637)
-"""Left wrist frame: around the capsule that holds the fingers at every opening [m]."""
+"""Center x, y, z and radius of a sphere that contains the fingers at every opening, left wrist frame [m]."""
 
 
 def pepper_spheres(document: UrdfDocument) -> tuple[Shape, ...]:
     """Return Pepper's sphere set: 57 spheres, fitted to contain the links' surfaces with the hands open.
 
-    Where fingers move, one more sphere a hand holds them at every opening.
+    For moving fingers, one more sphere per hand contains them at every opening.
 
     Args:
         document: Pepper's URDF.

@@ -1,4 +1,4 @@
-"""Rows as a table of text."""
+"""Tables as text."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 
 def text_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    """Return a heading, a rule and the rows as lines; the first column to the left, the rest to the right."""
+    """Return heading, rule and rows as lines; the first column is left-aligned, the others right-aligned."""
     widths = [max(len(str(row[i])) for row in [head, *rows]) for i in range(len(head))]
 
     def line(row: Sequence[str]) -> str:

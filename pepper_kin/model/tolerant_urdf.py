@@ -1,4 +1,4 @@
-"""A URDF read as far as it can be read: what is broken becomes a fault in a list, not an error."""
+"""Tolerant reading of a URDF: malformed parts become faults in a list, not errors."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ JOINT_TYPES = (*MOVING_TYPES, "fixed")
 
 @dataclass(frozen=True)
 class Fault:
-    """One thing that is wrong.
+    """One fault of a description.
 
     Attributes:
         kind: "xml", "structure", "number", "mass", "inertia", "limits", "mimic", "mesh" or "geometry".
         where: The element, such as "joint HeadYaw".
-        message: What is wrong with it, with numbers.
+        message: Description of the fault, with numbers.
     """
 
     kind: str
@@ -50,7 +50,7 @@ class Fault:
 
 @dataclass
 class ShapeFacts:
-    """A visual or collision shape: its kind, numbers, place and (for a mesh) file."""
+    """A visual or collision shape: kind, sizes, pose in the link, shape (4, 4) [m], and file of a mesh."""
 
     kind: str
     sizes: dict[str, tuple[float, ...]]
@@ -71,7 +71,7 @@ class LinkFacts:
 
 @dataclass
 class JointFacts:
-    """A joint: type, ends, origin, axis; limits and mimic as far as they are stated."""
+    """A joint: type, links, origin, axis, and the stated limits and mimic (leader, multiplier, offset)."""
 
     name: str
     type: str
@@ -85,7 +85,7 @@ class JointFacts:
 
 @dataclass
 class UrdfFacts:
-    """All that could be read, and what could not."""
+    """Readable contents of a URDF, and the faults."""
 
     name: str = "(unreadable)"
     links: dict[str, LinkFacts] = field(default_factory=dict)
@@ -96,7 +96,7 @@ class UrdfFacts:
 def read_tolerantly(text: str, package_dirs: Sequence[Path] = ()) -> UrdfFacts:
     """Read a URDF text and collect its faults.
 
-    Document types and entities are refused (a fault, and nothing else is read), as is malformed XML.
+    For document types, entities and malformed XML, the result has one fault and nothing else.
     """
     facts = UrdfFacts()
     try:
@@ -125,19 +125,19 @@ def read_tolerantly(text: str, package_dirs: Sequence[Path] = ()) -> UrdfFacts:
 
 
 class _UrdfReader:
-    """Reads elements; faults go to a list."""
+    """Reader of elements that appends faults to a list."""
 
     def __init__(self, faults: list[Fault], package_dirs: Sequence[Path]) -> None:
         self.faults, self.package_dirs = faults, package_dirs
 
     def fault(self, kind: str, where: str, message: str) -> None:
-        """Note a fault and go on."""
+        """Append a fault."""
         self.faults.append(Fault(kind, where, message))
 
     def vector(
         self, element: ET.Element | None, name: str, default: tuple[float, ...], where: str
     ) -> NDArray[np.float64]:
-        """Return an attribute's numbers; the default where it is absent or broken."""
+        """Return the numbers of an attribute; the default if it is absent or malformed."""
         text = None if element is None else element.get(name)
         if text is None:
             return np.array(default)
@@ -148,7 +148,7 @@ class _UrdfReader:
         return values
 
     def number(self, element: ET.Element | None, name: str, where: str) -> float | None:
-        """Return an attribute's number; None where it is absent or broken."""
+        """Return the number of an attribute; None if it is absent or malformed."""
         text = None if element is None else element.get(name)
         if text is None:
             return None
@@ -159,13 +159,13 @@ class _UrdfReader:
         return value
 
     def pose(self, element: ET.Element, where: str) -> NDArray[np.float64]:
-        """Return the transform of an element, shape (4, 4); identity where it has none."""
+        """Return the transform of an element's origin [m], shape (4, 4); the identity without an origin."""
         origin = element.find("origin")
         xyz = self.vector(origin, "xyz", (0.0, 0.0, 0.0), f"origin of {where}")
         return transform(xyz, self.vector(origin, "rpy", (0.0, 0.0, 0.0), f"origin of {where}"))
 
     def link(self, element: ET.Element) -> LinkFacts:
-        """Return what a link says of itself, broken or not."""
+        """Return the readable facts of a link; faults are noted."""
         link = LinkFacts(element.get("name", ""))
         where = f"link {link.name}"
         if not link.name:
@@ -181,6 +181,7 @@ class _UrdfReader:
         return link
 
     def _inertial(self, inertial: ET.Element, link: LinkFacts, where: str) -> None:
+        """Read a link's mass, center of mass and inertia; faults are noted."""
         pose = self.pose(inertial, f"inertial of {where}")
         link.center = pose[:3, 3]
         mass, inertia = inertial.find("mass"), inertial.find("inertia")
@@ -196,6 +197,7 @@ class _UrdfReader:
         link.inertia = pose[:3, :3] @ tensor @ pose[:3, :3].T
 
     def _shape(self, element: ET.Element, where: str) -> ShapeFacts | None:
+        """Return the readable facts of a shape, or None; faults are noted."""
         geometry = element.find("geometry")
         item = None if geometry is None or len(geometry) == 0 else geometry[0]
         if item is None:
@@ -224,7 +226,7 @@ class _UrdfReader:
         return ShapeFacts(item.tag, sizes, pose)
 
     def joint(self, element: ET.Element) -> JointFacts:
-        """Read a joint; what is wrong with it is noted."""
+        """Return the readable facts of a joint; faults are noted."""
         name, kind = element.get("name", ""), element.get("type", "")
         where = f"joint {name}"
         if not name:

@@ -1,4 +1,4 @@
-"""The order in which Pinocchio counts the joints and frames of a URDF, and how joints follow others."""
+"""Pinocchio's order of a URDF's joints and frames, and the couplings of mimic joints."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def depth_first(document: UrdfDocument) -> tuple[Joint, ...]:
-    """Return all joints, parents before children, those of one link by name."""
+    """Return all joints, parents before children; children of one link are sorted by name."""
     below: dict[str, list[Joint]] = {}
     for joint in sorted(document.joints, key=lambda joint: joint.name, reverse=True):
         below.setdefault(joint.parent, []).append(joint)
@@ -28,13 +28,13 @@ def depth_first(document: UrdfDocument) -> tuple[Joint, ...]:
 
 
 def frame_ids(document: UrdfDocument, order: tuple[Joint, ...]) -> dict[str, int]:
-    """Return the number of each link's frame, by link in document order.
+    """Return Pinocchio's index of each link's frame, by link in document order.
 
-    Frame 0 is the universe, 1 the root link; each joint then adds its frame and that of its child.
+    Frame 0 is the universe, frame 1 the root link; each joint then adds its own frame and its child's.
 
     Args:
         document: The robot.
-        order: Its joints, as `depth_first` returns them.
+        order: All joints in the order of `depth_first`.
     """
     found = {document.root: 1} | {joint.child: 2 * place + 3 for place, joint in enumerate(order)}
     return {link: found[link] for link in document.links}
@@ -43,12 +43,12 @@ def frame_ids(document: UrdfDocument, order: tuple[Joint, ...]) -> dict[str, int
 def mimic_map(
     full_names: tuple[str, ...], names: tuple[str, ...], joints: dict[str, Joint]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return E and e of q_full = E q + e; chains of mimic joints are followed to their leader.
+    """Return E and e of q_full = E q + e; chains of mimic joints are resolved.
 
     Args:
-        full_names: All moving joints.
-        names: Those that follow no other.
-        joints: All moving joints by name.
+        full_names: Names of all moving joints.
+        names: Names of the moving joints without mimic element.
+        joints: Moving joints by name.
 
     Raises:
         ModelError: for a joint that mimics itself, or whose factors are too large.
@@ -75,7 +75,7 @@ def mimic_map(
 
 
 def coupling_of(pepper: PepperModel, joint: str) -> tuple[str, float, float]:
-    """Return the coordinate that a moving joint follows (itself, if it has one), its gain and its offset.
+    """Return the coordinate that a moving joint follows (itself if it is one), the gain and the offset.
 
     Chains of followers are resolved: position = gain * coordinate + offset.
     """
@@ -86,5 +86,5 @@ def coupling_of(pepper: PepperModel, joint: str) -> tuple[str, float, float]:
 
 
 def leader_of(pepper: PepperModel, joint: str) -> str:
-    """Return the coordinate that a moving joint follows; itself, if it has one."""
+    """Return the coordinate that a moving joint follows; itself if it is one."""
     return coupling_of(pepper, joint)[0]

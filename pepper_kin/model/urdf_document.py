@@ -1,4 +1,4 @@
-"""A URDF text, read and checked without any robotics library, so that each fault can be named."""
+"""Reading and checking of a URDF text without any robotics library, so that errors name the element."""
 
 from __future__ import annotations
 
@@ -31,20 +31,20 @@ if TYPE_CHECKING:
 urdf_shapes = lazy_module("pepper_kin.model.urdf_shapes")
 
 MOST_MOVING = 4000
-"""Joints that move, at most: matrices grow with the square of their number."""
+"""Maximum number of moving joints: matrices grow with the square of their number."""
 MOST_LINKS = 10_000
-"""Links, at most: Pinocchio compares the name of each with all before it."""
+"""Maximum number of links: Pinocchio compares the name of each link with all before it."""
 LONGEST_CHAIN = 3000
-"""Joints between the root and a link, at most: Pinocchio reads them in one another, on a stack that ends."""
+"""Maximum number of joints between the root and a link: Pinocchio reads a chain recursively, on the stack."""
 MOVING_TYPES = ("revolute", "continuous", "prismatic")
 
 
 @dataclass(frozen=True)
 class Joint:
-    """One joint as the text states it.
+    """One joint of a URDF.
 
     Attributes:
-        name: Its name.
+        name: Name of the joint.
         type: revolute, continuous, prismatic or fixed.
         parent: Parent link.
         child: Child link.
@@ -74,15 +74,15 @@ class Joint:
 
 @dataclass(frozen=True)
 class UrdfDocument(XmlText):
-    """What a URDF text says: name, links, joints, shapes.
+    """Contents of a URDF text: name, links, joints, shapes.
 
     Attributes:
         name: Name of the robot.
-        text: The text itself.
+        text: Text of the URDF.
         links: Link names in document order.
         joints: All joints in document order.
         package_dirs: Folders that hold packages, for `package://` file names.
-        wheels: What the wheels of a base can do that was added; None where none was.
+        wheels: Limits of the wheels of an added base; None without one.
         tree: Root element of the text, see `XmlText`.
     """
 
@@ -105,7 +105,7 @@ class UrdfDocument(XmlText):
 
     @cached_property
     def shapes(self) -> tuple[tuple[Shape, ...], tuple[Shape, ...]]:
-        """Visual and collision shapes, read from the text when first asked for.
+        """Visual and collision shapes, read from the text at the first use.
 
         Raises:
             ModelError: naming the shape that is malformed.
@@ -114,13 +114,13 @@ class UrdfDocument(XmlText):
 
     @property
     def root(self) -> str:
-        """The link that is no joint's child."""
+        """Name of the link that is not the child of any joint."""
         children = {joint.child for joint in self.joints}
         return next(link for link in self.links if link not in children)
 
 
 def parse_urdf(text: str, package_dirs: Sequence[Path] = ()) -> UrdfDocument:
-    """Read a URDF text of version 1.0 to 1.2; its shapes are read when they are first asked for.
+    """Read a URDF text of version 1.0 to 1.2; its shapes are read at their first use.
 
     Args:
         text: The XML. Document type declarations are refused: entities can hide or multiply content.
@@ -133,7 +133,7 @@ def parse_urdf(text: str, package_dirs: Sequence[Path] = ()) -> UrdfDocument:
         ModelError: naming the element that is malformed, missing, doubled or disconnected, or the version.
 
     Warns:
-        ModelWarning: naming what was mended, see `mended_urdf`.
+        ModelWarning: naming each repair, see `mended_urdf`.
     """
     text = with_bound_prefixes(text.lstrip())
     root = parse_xml(text, "URDF")
@@ -152,6 +152,7 @@ def parse_urdf(text: str, package_dirs: Sequence[Path] = ()) -> UrdfDocument:
 
 
 def _joint(element: ET.Element) -> Joint:
+    """Return a joint from its element, after a check of its attributes."""
     name = attribute_of(element, "name", "the robot")
     kind = attribute_of(element, "type", f"joint {name}")
     if kind not in (*MOVING_TYPES, "fixed"):
@@ -195,6 +196,7 @@ def _joint(element: ET.Element) -> Joint:
 
 
 def _check_tree(links: tuple[str, ...], joints: tuple[Joint, ...]) -> None:
+    """Refuse duplicate names, unknown links, loops, several roots, and trees that are too large."""
     if not links:
         raise ModelError("URDF: the robot has no link")
     for names, what in ((links, "link"), ([j.name for j in joints], "joint")):
@@ -225,7 +227,7 @@ def _check_tree(links: tuple[str, ...], joints: tuple[Joint, ...]) -> None:
 
 
 def _check_depth(links: tuple[str, ...], parent_of: dict[str, str], root: str) -> None:
-    """Refuse loops, and chains that are too long; each link is looked at once."""
+    """Refuse loops, and chains that are too long; each link is visited once."""
     depth = {root: 0}
     for link in links:
         chain = []

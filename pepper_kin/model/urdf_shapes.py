@@ -1,4 +1,4 @@
-"""The shapes of a URDF text."""
+"""Shapes of a URDF text."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ from pepper_kin.model.xml_source import attribute_of, number_of, numbers_of
 def read_shapes(
     root: ET.Element, package_dirs: Sequence[Path]
 ) -> tuple[tuple[Shape, ...], tuple[Shape, ...]]:
-    """Return the visual and the collision shapes.
+    """Return the visual and the collision shapes of a robot.
 
     Args:
-        root: The robot's element.
+        root: Element of the robot.
         package_dirs: Folders that hold packages, for `package://` file names.
 
     Raises:
@@ -53,6 +53,7 @@ def read_shapes(
 
 
 def _color(material: ET.Element) -> tuple[float, float, float, float]:
+    """Return the color of a material: red, green, blue and opacity."""
     color = material.find("color")
     text = None if color is None else color.get("rgba")
     red, green, blue, opacity = numbers_of(text, 4, NO_COLOR, "a color")
@@ -65,6 +66,7 @@ def _shapes(
     materials: dict[str, tuple[float, float, float, float]],
     package_dirs: Sequence[Path],
 ) -> list[Shape]:
+    """Return the visual or collision shapes of all links."""
     shapes = []
     for link in root.findall("link"):
         link_name = link.get("name", "")
@@ -99,7 +101,7 @@ def _shapes(
 
 
 def _zero_size(element: ET.Element) -> str:
-    """Return which size of a shape is zero, which some descriptions write for none; "" if it has all."""
+    """Return the size of a shape that is zero, which some descriptions write for no shape; "" if none is."""
     for key in ("size", "radius", "length"):
         text = element.get(key)
         sizes = [] if text is None else [plain_number(one) for one in text.split()]
@@ -109,6 +111,7 @@ def _zero_size(element: ET.Element) -> str:
 
 
 def _geometry(element: ET.Element, name: str, package_dirs: Sequence[Path]) -> Geometry:
+    """Return the geometry of an element."""
     if element.tag == "box":
         x, y, z = numbers_of(element.get("size"), 3, (0, 0, 0), f"box {name}")
         return Box((x, y, z))
@@ -125,8 +128,8 @@ def _geometry(element: ET.Element, name: str, package_dirs: Sequence[Path]) -> G
 def resolve_mesh(filename: str, package_dirs: Sequence[Path] = ()) -> Path:
     """Turn a `package://` or `file:` URI or a plain file name into a path (which may not exist).
 
-    Packages and relative file names are sought in the folders, the first first.  In URIs `%20` is a space
-    (RFC 3986), as ROS's resource_retriever reads them; a file that is named so as it stands is found, too.
+    Packages and relative file names are searched in the folders in order. In URIs `%20` is a space (RFC
+    3986), as in ROS's resource_retriever; a file whose name contains `%20` is found, too.
     """
     if not filename.startswith(("package://", "file:")):
         return _sought(filename, package_dirs)
@@ -155,13 +158,14 @@ def _of_uri(uri: str, package_dirs: Sequence[Path]) -> Path:
 
 
 def _sought(filename: str, package_dirs: Sequence[Path]) -> Path:
+    """Return a file name in the first folder that has the file, else the name itself."""
     path = Path(filename)
     found = (folder / path for folder in package_dirs if os.path.exists(folder / path))
     return path if path.is_absolute() else next(found, path)
 
 
 def _merge_capsules(shapes: list[Shape]) -> list[Shape]:
-    """Join NAME_shaft (cylinder), NAME_start and NAME_end (spheres of its radius) to the capsule NAME."""
+    """Join NAME_shaft (cylinder), NAME_start and NAME_end (spheres of equal radius) to the capsule NAME."""
     by_name = {shape.name: shape for shape in shapes}
     merged: list[Shape] = []
     taken: set[str] = set()

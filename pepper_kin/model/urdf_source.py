@@ -1,4 +1,4 @@
-"""The text of a description, wherever it comes from."""
+"""Text of a description from a robot, a text or a file."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def read_source(source: PepperModel | str | Path) -> str:
     """Return the URDF text of a loaded robot, of a text (it begins with "<"), or of a file.
 
     Raises:
-        FileFormatError: where a file cannot be read as text.
+        FileFormatError: for a file that cannot be read as text.
         ModelError: for a robot whose `pinocchio_model` was changed by hand.
     """
     if isinstance(source, PepperModel):
@@ -31,7 +31,7 @@ def read_source(source: PepperModel | str | Path) -> str:
 
 @contextlib.contextmanager
 def warned(source: PepperModel | str | Path) -> Iterator[None]:
-    """Begin what is said of a malformed description with the name of its file, where it has one."""
+    """Put the file's name, if any, in front of a `ModelError` about a description."""
     try:
         yield
     except ModelError as error:
@@ -41,10 +41,10 @@ def warned(source: PepperModel | str | Path) -> Iterator[None]:
 
 
 def mesh_folders(source: PepperModel | str | Path, package_dirs: Sequence[str | Path]) -> list[Path]:
-    """Return the folders in which a description's mesh files are sought, the first first.
+    """Return the folders in which a description's mesh files are searched, in order.
 
-    They are those given, then (for a description in a file) the one it lies in and all above that: a robot's
-    package usually holds its URDF beside its meshes.
+    The given folders come first, then, for a description in a file, the file's folder and all folders above
+    it: a robot's package usually holds its URDF and its meshes.
     """
     if isinstance(package_dirs, str | bytes | os.PathLike):
         raise InvalidValueError("package_dirs", repr(package_dirs), "a list of folders")
@@ -55,5 +55,5 @@ def mesh_folders(source: PepperModel | str | Path, package_dirs: Sequence[str | 
 
 
 def is_text(source: str) -> bool:
-    """Whether this is a description itself, and no file's name."""
+    """Whether a string is the text of a description, not a file's name."""
     return source.lstrip("\ufeff \t\r\n").startswith("<")

@@ -1,7 +1,7 @@
-"""Later versions of URDF as version 1.0, which all readers know.
+"""Conversion of later versions of URDF to version 1.0, which all readers know.
 
 Source: urdfdom 4 to 6: version 1.1 has `quat_xyzw` in <origin>, version 1.2 the geometry <capsule>; an origin
-has `rpy` or `quat_xyzw`, and a quaternion is made one of length 1.
+has `rpy` or `quat_xyzw`, and a quaternion is normalized.
 """
 
 from __future__ import annotations
@@ -15,15 +15,15 @@ from pepper_kin.model.poses import rotation_from_quaternion, rpy_of
 from pepper_kin.model.xml_source import vector_of
 
 VERSIONS = ("1.0", "1", "1.1", "1.2")
-_SHORTEST = 1e-6  # length of a quaternion that says no rotation
+_SHORTEST = 1e-6  # minimum length of a quaternion
 
 
 def to_version_1_0(root: ET.Element) -> bool:
-    """Write a robot's tree in the words of version 1.0, in place; return whether anything changed.
+    """Convert a robot's tree to version 1.0 in place; return whether anything changed.
 
     Raises:
-        ModelError: for another version, `quat_xyzw` in version 1.0, which has no such word and whose readers
-            leave it out, or an origin with both, or with a quaternion of length 0.
+        ModelError: for another version, `quat_xyzw` in version 1.0, whose readers ignore it, an origin with
+            both `rpy` and `quat_xyzw`, or a quaternion of length 0.
     """
     version = root.get("version", "1.0").strip()
     if version not in VERSIONS:

@@ -1,6 +1,7 @@
-"""The vendor's own meshes in place of ours, where a user has them.
+"""The vendor's meshes instead of this library's shapes.
 
-They may not be redistributed and are no part of this library: a user names the folder that holds them.
+The meshes may not be redistributed and are not part
+of this library: a user names their folder.
 """
 
 from __future__ import annotations
@@ -13,27 +14,27 @@ from pepper_kin.exceptions import FileFormatError
 from pepper_kin.model.urdf_document import UrdfDocument, parse_urdf
 
 SUFFIXES = (".stl", ".obj", ".dae")
-"""What is taken, best first: the viewer reads STL."""
+"""File extensions of meshes in order of preference: the viewer reads STL."""
 RAISED = {"Pelvis": 0.268, "Hip": 0.079, "torso": 0.139}
-"""The vendor's frames of three links lie higher than ours, which sit on their joints [m]."""
+"""Height of the vendor's frames of three links above this library's, which are at their joints [m]."""
 
 
 def with_vendor_meshes(document: UrdfDocument, folder: str | Path, scale: float = 0.1) -> UrdfDocument:
     """Replace the visual shapes of Pepper by meshes found in a folder.
 
     A link takes the file named after it, as in `Head.stl`, `head.dae` or `LFinger11.stl` for the link
-    `LFinger11_link`, anywhere below the folder; links without a file keep our shapes.
+    `LFinger11_link`, anywhere below the folder; links without a file keep their shapes.
 
     Args:
         document: Pepper, without prefix.
-        folder: Where the meshes are.
+        folder: Folder of the meshes.
         scale: Factor from the files' unit to meters; the vendor's files are in decimeters.
 
     Returns:
-        The same with absolute file names.
+        A document with absolute file names of the meshes.
 
     Raises:
-        FileFormatError: for a folder that is not there, or holds no mesh of any link.
+        FileFormatError: for a folder that does not exist, or has no mesh of any link.
     """
     found = _meshes_below(Path(folder))
     root = document.copied_tree()
@@ -57,7 +58,7 @@ def with_vendor_meshes(document: UrdfDocument, folder: str | Path, scale: float 
 
 
 def _meshes_below(folder: Path) -> dict[str, Path]:
-    """Return the meshes below a folder by their names in lower case."""
+    """Return the mesh files below a folder by their stems in lower case."""
     if not os.path.isdir(folder):  # Path.is_dir raises for names that are too long
         raise FileFormatError(folder, "is not a folder")
     found: dict[str, Path] = {}

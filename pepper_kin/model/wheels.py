@@ -1,4 +1,4 @@
-"""A base on wheels under any robot: three more joints, and what the wheels can do."""
+"""Wheeled bases of any robot: three more joints, and the limits of the wheels."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ saxutils = lazy_module("xml.sax.saxutils")
 BASES = ("fixed", "planar", "differential")
 BASE_JOINTS = ("BaseX", "BaseY", "BaseYaw")
 WHEEL_FRAMES = ("BaseWheelLeft", "BaseWheelRight")
-"""Frames where the wheels of a differential base stand."""
+"""Frames at the wheels of a differential base."""
 
 _END = re.compile(r"</robot\s*>\s*(?:<!--.*?-->\s*|<\?.*?\?>\s*)*\Z", re.DOTALL)
-"""The end of a description: what comments hold that follow the robot is not it."""
+"""Closing tag of a description, also if comments follow it."""
 _KINDS = (("prismatic", "1 0 0"), ("prismatic", "0 1 0"), ("continuous", "0 0 1"))
 
 
 @dataclass(frozen=True)
 class Wheels:
-    """What the wheels of a base can do.
+    """Limits of the wheels of a base.
 
     Attributes:
-        speed: Greatest speed of a wheel's rim, and so of the base [m/s].
-        acceleration: Its greatest acceleration [m/s^2].
+        speed: Maximum speed of a wheel's rim, and so of the base [m/s].
+        acceleration: Maximum acceleration of a wheel's rim [m/s^2].
         track: Distance between the left and the right wheel [m].
-        turning_radius: Least radius of the curves that a differential base is planned on [m].
-        backward: Whether these go backward too.
-        reach: How far from the world's origin the base may be, along each axis [m].
-        differential: Whether the base goes where it points, as `load_robot(base="differential")` says.
+        turning_radius: Minimum radius of the curves on which a differential base is planned [m].
+        backward: Whether planned curves may go backward, too.
+        reach: Maximum distance of the base from the world's origin along each axis [m].
+        differential: Whether the base moves only where it points; set by `load_robot(base="differential")`.
     """
 
     speed: float
@@ -49,17 +49,17 @@ class Wheels:
         """Check the numbers.
 
         Raises:
-            InvalidValueError: for one that is not above zero.
+            InvalidValueError: for a number that is not above zero.
         """
         units = {"speed": "m/s", "acceleration": "m/s^2", "track": "m", "turning_radius": "m", "reach": "m"}
         for name, unit in units.items():
             object.__setattr__(self, name, check_positive(f"wheels: {name}", getattr(self, name), unit))
 
     def limits(self) -> dict[str, tuple[float, float]]:
-        """Return greatest speed and acceleration of each of the base's joints.
+        """Return the maximum speed [m/s or rad/s] and acceleration [per second] of each joint of the base.
 
-        A differential base's wheels share their acceleration, half for going and half for turning, whatever
-        the base's direction; their speed is limited by itself (`WHEEL_FRAMES`).
+        The wheels of a differential base use half of their acceleration for translation in any direction and
+        half for rotation; their speed is limited at the wheels (`WHEEL_FRAMES`).
         """
         turning = 2.0 * self.speed / self.track
         if not self.differential:
@@ -74,11 +74,11 @@ class Wheels:
 
 
 def with_wheels(document: UrdfDocument, base: str, wheels: Wheels | None) -> UrdfDocument:
-    """Return a robot's document on a base of a kind.
+    """Return a document with a robot on a fixed, planar or differential base.
 
     Raises:
-        InvalidValueError: for another kind, wheels of a fixed base, or a differential base without wheels.
-        ModelError: for a robot that has joints or links of these names already.
+        InvalidValueError: for another base, wheels of a fixed base, or a differential base without wheels.
+        ModelError: for a robot that has joints or links with the names of the base already.
     """
     check_choice("base", base, BASES)
     if base == "fixed":
@@ -109,9 +109,9 @@ def on_planar_base(
 
     Args:
         document: The robot.
-        prefix: Of the names of the links between.
-        reach: Bound of x and y [m].
-        limits: Greatest speed and acceleration of the joints; no limit where there is none.
+        prefix: Prefix of the names of the added links.
+        reach: Maximum magnitude of x and y [m].
+        limits: Joint -> maximum speed [m/s or rad/s] and acceleration [per second]; inf for joints left out.
     """
     links = [_free_name(document, f"{prefix}_{name}") for name in ("world", "x", "y")]
     joints, elements = [], [f"  <link name={saxutils.quoteattr(name)}/>" for name in links]
@@ -133,6 +133,7 @@ def on_planar_base(
 
 
 def _with_wheel_frames(document: UrdfDocument, root: str, track: float) -> UrdfDocument:
+    """Return a document with `WHEEL_FRAMES` fixed to the root link, half a track to its left and right."""
     joints, elements, parent = [], [], saxutils.quoteattr(root)
     for name, y in zip(WHEEL_FRAMES, (0.5 * track, -0.5 * track), strict=True):
         joint = f"{name}Joint"
@@ -147,6 +148,7 @@ def _with_wheel_frames(document: UrdfDocument, root: str, track: float) -> UrdfD
 
 
 def _extended(document: UrdfDocument, elements: list[str]) -> UrdfDocument:
+    """Return a document with elements added before the closing tag of its text."""
     end = _END.search(document.text)
     assert end is not None  # the text was parsed
     head, tail = document.text[: end.start()], document.text[end.start() :]
@@ -154,6 +156,7 @@ def _extended(document: UrdfDocument, elements: list[str]) -> UrdfDocument:
 
 
 def _free_name(document: UrdfDocument, name: str) -> str:
+    """Return a name that no link has, made by appending underscores."""
     while name in document.links:
         name += "_"
     return name

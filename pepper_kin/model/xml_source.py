@@ -1,4 +1,4 @@
-"""XML of descriptions, read without what could read other files, multiply, or be nested without end."""
+"""Safe reading of XML: no external files, no entities, and bounded nesting."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 MOST = 1e30
-"""Largest number of a description, such as a limit or a mass [kg]: products of larger ones overflow."""
+"""Maximum number in a description, such as a limit or a mass [kg]: products of larger ones overflow."""
 DEEPEST = 100
-"""Elements in one another that are read; a URDF has six."""
+"""Maximum depth of nested elements; a URDF has six levels."""
 MOST_ATTRIBUTES = 1000
-"""Attributes of an element that are read: Pinocchio's reader compares each with all before it."""
+"""Maximum number of attributes of an element: Pinocchio's reader compares each with all before it."""
 
 
 class XmlText:
-    """A checked text of XML, and its tree, which all who read the text share.
+    """A checked XML text and its tree, which all readers of the text share.
 
     Attributes:
         text: The text.
@@ -35,19 +35,19 @@ class XmlText:
 
     @cached_property
     def tree(self) -> ET.Element:
-        """Root element of the text, parsed once.  It is read only: see `copied_tree`."""
+        """Root element of the text, parsed once; it must not be changed: see `copied_tree`."""
         return ET.fromstring(self.text)
 
     def keep_tree(self, root: ET.Element) -> None:
-        """Keep the tree of the text, where that has been parsed already."""
+        """Set the tree of a text that has been parsed already."""
         vars(self)["tree"] = root
 
     def copied_tree(self) -> ET.Element:
-        """Return the root of a tree that may be changed: to parse the text again is faster than a copy."""
+        """Return the root of a tree that may be changed: parsing the text again is faster than a copy."""
         return ET.fromstring(self.text)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave the tree out of what copies and other processes get."""
+        """Return the state without the tree, for copies and other processes."""
         return {name: value for name, value in vars(self).items() if name != "tree"}
 
 
@@ -58,7 +58,7 @@ def unbound_prefixes(text: str) -> list[str]:
 
 
 def with_bound_prefixes(text: str) -> str:
-    """Return a description whose undeclared prefixes are declared at its root: Gazebo's readers want none."""
+    """Return a description with undeclared prefixes declared at its root: Gazebo needs no declaration."""
     names = "".join(f' xmlns:{prefix}="undeclared:{prefix}"' for prefix in unbound_prefixes(text))
     return re.sub(r"<robot(?=[\s>])", lambda found: found[0] + names, text, count=1) if names else text
 
@@ -69,11 +69,11 @@ def parse_xml(text: str, what: str, root_tag: str = "robot") -> ET.Element:
     Args:
         text: The XML. Document type declarations are refused: entities can hide or multiply content.
         what: Name of the format for messages, such as "URDF".
-        root_tag: What the root element must be.
+        root_tag: Expected tag of the root element.
 
     Raises:
-        ModelError: naming the format, where the text is not well-formed, is nested deeper than DEEPEST, has
-            an element of more than MOST_ATTRIBUTES, another root element, or half of a surrogate pair.
+        ModelError: naming the format, for a text that is not well-formed, is nested deeper than DEEPEST, or
+            has an element with more than MOST_ATTRIBUTES, another root element, or half of a surrogate pair.
     """
     try:
         text.encode()
@@ -93,9 +93,9 @@ def parse_xml(text: str, what: str, root_tag: str = "robot") -> ET.Element:
 
 
 def _check_shape(root: ET.Element, what: str) -> None:
-    """Refuse deep nesting: writing such a tree, or Pinocchio's reading it, would overflow the stack.
+    """Refuse deep nesting, for which writing or Pinocchio's reading would overflow the stack.
 
-    Refuse crowds of attributes as well.
+    Elements with more than MOST_ATTRIBUTES attributes are refused as well.
     """
     level, depth = [root], 0
     while level:
@@ -110,10 +110,10 @@ def _check_shape(root: ET.Element, what: str) -> None:
 
 
 def attribute_of(element: ET.Element, name: str, what: str) -> str:
-    """Return an attribute that may not be missing.
+    """Return the value of a required attribute.
 
     Raises:
-        ModelError: naming `what` lacks it.
+        ModelError: naming `what`, if the attribute is missing or empty.
     """
     value = element.get(name)
     if not value:
@@ -125,7 +125,7 @@ def number_of(element: ET.Element, name: str, default: float, what: str) -> floa
     """Return an attribute as a number, or `default` where it is absent.
 
     Raises:
-        ModelError: naming `what` where it is not a number, or beyond MOST.
+        ModelError: naming `what`, for anything but a number of magnitude up to MOST.
     """
     text = element.get(name)
     if text is None:
@@ -137,10 +137,11 @@ def number_of(element: ET.Element, name: str, default: float, what: str) -> floa
 
 
 def positive_of(element: ET.Element, name: str, default: float, what: str) -> float:
-    """Return an attribute as `number_of` does, of a quantity that is never below zero.
+    """Return an attribute as a number of at least 0, or `default` where it is absent.
 
     Raises:
-        ModelError: naming `what` and the value, where it is negative, no number, or above MOST.
+        ModelError: naming `what` and the value, for a negative value, one above MOST, or anything but a
+            number.
     """
     value = number_of(element, name, default, what)
     if value < 0.0:
@@ -158,13 +159,13 @@ def vector_of(text: str | None, size: int, default: Sequence[float], what: str) 
     """Return a text as `size` numbers up to MOST, or `default` for None.
 
     Raises:
-        ModelError: naming `what` where it is anything else.
+        ModelError: naming `what`, for anything else.
     """
     return np.array(numbers_of(text, size, default, what), dtype=float)
 
 
 def numbers_of(text: str | None, size: int, default: Sequence[float], what: str) -> Sequence[float]:
-    """Return a text as `size` numbers, as `vector_of` does."""
+    """Return a text as a sequence of `size` numbers up to MOST, or `default` for None."""
     if text is None:
         return default
     values = [plain_number(v) for v in text.split()]

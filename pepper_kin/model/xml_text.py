@@ -1,4 +1,4 @@
-"""Numbers and elements as XML text."""
+"""Writing of numbers and elements as XML text."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def child(parent: ET.Element, tag: str, text: str | None = None, **attributes: s
 
 
 def own_child(parent: ET.Element, tag: str) -> ET.Element:
-    """Return the first element of a tag, which is appended where there is none."""
+    """Return the first child element with a tag, which is appended if there is none."""
     found = parent.find(tag)
     return ET.SubElement(parent, tag) if found is None else found
 

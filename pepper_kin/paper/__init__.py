@@ -1,9 +1,9 @@
-"""The validation of the published twin made again: Sekkat et al., Heliyon (2024).
+"""Repetition of the published twin's validation: Sekkat et al., Heliyon (2024).
 
-limits_table, LimitsTable, LimitRow       joint limits beside those of the paper
+limits_table, LimitsTable, LimitRow       joint limits compared with the paper's
 replay, GestureReport                     the paper's gestures on the twin
-paper_gesture, PaperGesture, paper_inconsistencies, GESTURES   what the paper says of them
-check_paper, PaperCheck, save_paper_check   all of it, as `pepper-kin check paper` runs it
+paper_gesture, PaperGesture, paper_inconsistencies, GESTURES   the gestures in the paper
+check_paper, PaperCheck, save_paper_check   the whole validation of `pepper-kin check paper`
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The published twin's validation repeated: tables 4 and 5, figures 6 and 7, its measuring chain."""
+"""Repetition of the published twin's validation: tables 4 and 5, figures 6 and 7, and its measuring chain."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from pepper_kin.paper.tilt import BLIND, TiltMeasurement, measure_by_tilt
 from pepper_kin.twin import Run, RunStatus, Twin
 
 ITERATIONS = 1000
-"""Samples of a movement in the paper's figures 6 and 7."""
-PERIOD = 0.01  # [s] of one iteration: an assumption, the paper gives none
-TRACKING_LIMIT = 0.002  # [rad] root mean square: a tenth of the paper's worst
+"""Number of samples of a movement in the paper's figures 6 and 7."""
+PERIOD = 0.01  # duration of one iteration [s]: an assumption, since the paper gives none
+TRACKING_LIMIT = 0.002  # maximum root mean square tracking error [rad]: a tenth of the paper's worst
 
 
 @dataclass(frozen=True, eq=False)
 class MovementCheck:
-    """One movement, as fast as the limits allow and at the pace of the paper's figures.
+    """One movement in minimum time and at the pace of the paper's figures.
 
     Attributes:
-        fast: The movement in minimum time, its key frames beside table 5.
-        calm: The same movement in `ITERATIONS` iterations of `PERIOD`.
-        tilt: Joint angles of the calm one as recovered from sensors on the links.
+        fast: The movement in minimum time, with its key frames compared with table 5.
+        calm: The movement in `ITERATIONS` iterations of `PERIOD`.
+        tilt: Joint angles of the calm movement recovered from sensors on the links.
     """
 
     fast: GestureReport
@@ -44,7 +44,7 @@ class MovementCheck:
         return self.fast.gesture.name
 
     def iterations(self) -> tuple[Array, Array, Array]:
-        """Return time [s], commanded and measured positions [rad] of figures 6 and 7, shape (1000, ...)."""
+        """Return times [s], commanded and measured positions [rad] of figures 6 and 7, shape (1000, ...)."""
         run = self.calm.run
         time = np.linspace(0.0, run.duration, ITERATIONS)
         places = [run.joint_names.index(name) for name in self.calm.gesture.joint_names]
@@ -52,16 +52,16 @@ class MovementCheck:
 
     @property
     def tracking(self) -> tuple[Array, Array]:
-        """Root mean square tracking errors [rad], fast and calm, shape (k,) each."""
+        """Root mean square tracking errors of the fast and the calm movement [rad], shape (k,) each."""
         return self.fast.rms_tracking_error, self.calm.rms_tracking_error
 
 
 @dataclass(frozen=True, eq=False)
 class PaperCheck:
-    """The paper's validation beside ours.
+    """Comparison with the paper's validation.
 
     Attributes:
-        limits: Table 4.
+        limits: Limits of table 4.
         movements: The three movements of table 5.
     """
 
@@ -70,18 +70,18 @@ class PaperCheck:
 
     @property
     def worst_tracking(self) -> float:
-        """Largest root mean square tracking error of a joint that a movement moves [rad]."""
+        """Maximum root mean square tracking error of a movement's joints [rad]."""
         return float(max(np.max(errors) for m in self.movements for errors in m.tracking))
 
     @property
     def success(self) -> bool:
-        """Whether every run went to its end and tracked within `TRACKING_LIMIT`."""
+        """Whether no run was stopped and all tracked within `TRACKING_LIMIT`."""
         runs = [run for movement in self.movements for run in (movement.fast.run, movement.calm.run)]
         ended = all(run.status is not RunStatus.STOPPED for run in runs)
         return ended and self.worst_tracking <= TRACKING_LIMIT
 
     def report(self) -> str:
-        """Return all tables and what follows from them as text."""
+        """Return all tables and the conclusions as text."""
         parts = [
             "== Table 4: joint limits",
             self.limits.report(),
@@ -119,14 +119,14 @@ def check_paper(
 ) -> PaperCheck:
     """Repeat the published twin's validation.
 
-    Each of table 5's movements is made twice: in minimum time, which is the hardest to track, and in 1000
-    iterations of 10 ms as in figures 6 and 7.  Of the second, accelerometers and gyroscopes on the links are
-    simulated, and joint angles recovered from them.
+    Each of table 5's movements is run twice: in minimum time, which is the hardest to track, and in 1000
+    iterations of 10 ms as in figures 6 and 7. For the second run, accelerometers and gyroscopes on the links
+    are simulated, and joint angles recovered from them.
 
     Args:
         pepper: Pepper with a fixed base; `load_pepper()` if omitted.
-        seed: Of the sensors' noise.
-        progress: Called with the number of movements done and of all.
+        seed: Seed of the sensors' noise.
+        progress: Function that is called with the numbers of finished and of all movements.
 
     Returns:
         Tables, runs and measurements.
@@ -150,6 +150,7 @@ def check_paper(
 
 
 def _measured(pepper: PepperModel, report: GestureReport, seed: int) -> TiltMeasurement:
+    """Return the joint angles of a movement recovered from simulated sensors."""
     run = report.run
     time = np.linspace(0.0, run.duration, ITERATIONS)
     velocity = _at(run, run.velocity, time)
@@ -164,6 +165,7 @@ def _at(run: Run, values: Array, time: Array) -> Array:
 
 
 def _frames_table(movement: MovementCheck) -> str:
+    """Return the table of a movement's key frames compared with table 5."""
     gesture, rows = movement.fast.gesture, []
     for j, joint in enumerate(gesture.joint_names):
         for label, values in (
@@ -182,6 +184,7 @@ def _frames_table(movement: MovementCheck) -> str:
 
 
 def _tracking_table(movements: tuple[MovementCheck, ...]) -> list[str]:
+    """Return the lines of the table of tracking errors."""
     rows = []
     for movement in movements:
         fast, calm = movement.tracking
@@ -195,6 +198,7 @@ def _tracking_table(movements: tuple[MovementCheck, ...]) -> list[str]:
 
 
 def _tilt_table(movements: tuple[MovementCheck, ...]) -> list[str]:
+    """Return the lines of the table of recovered joint angles' errors."""
     rows = []
     for movement in movements:
         tilt = movement.tilt
@@ -210,6 +214,7 @@ def _tilt_table(movements: tuple[MovementCheck, ...]) -> list[str]:
 
 
 def _notes(check: PaperCheck) -> list[str]:
+    """Return sentences on the results."""
     blind = [
         name for m in check.movements for name, b in zip(m.tilt.joint_names, m.tilt.blind, strict=True) if b
     ]
@@ -228,6 +233,7 @@ def _notes(check: PaperCheck) -> list[str]:
 
 
 def _tracking_dict(movement: MovementCheck) -> dict[str, Any]:
+    """Return durations and tracking errors of a movement as plain values."""
     fast, calm = movement.tracking
     return {
         "seconds": {"fastest": movement.fast.trajectory.duration, "calm": movement.calm.trajectory.duration},
@@ -240,6 +246,7 @@ def _tracking_dict(movement: MovementCheck) -> dict[str, Any]:
 
 
 def _tilt_dict(tilt: TiltMeasurement) -> dict[str, Any]:
+    """Return the errors of recovered joint angles as plain values."""
     return {
         joint: {
             "formulas_rms_error": float(tilt.formulas_error[j]),

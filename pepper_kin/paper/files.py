@@ -17,19 +17,19 @@ from pepper_kin.paper.check import ITERATIONS, MovementCheck, PaperCheck
 def save_paper_check(check: PaperCheck, folder: str | Path) -> dict[str, Path]:
     """Write `paper.txt`, `paper.json` and, for each movement, a table and a picture.
 
-    The pictures show what the paper's figures 6 and 7 do, joint trajectories and errors over 1000 iterations,
-    and below them the joint angles that sensors on the links give.
+    The pictures show, like the paper's figures 6 and 7, joint trajectories and errors over 1000 iterations,
+    and below them the joint angles recovered from sensors on the links.
 
     Args:
-        check: What was found.
-        folder: Folder for the files; made if missing.
+        check: Results of the validation.
+        folder: Folder of the files, created if missing.
 
     Returns:
-        Name to path.
+        Written files by name.
 
     Raises:
-        MissingDependencyError: where matplotlib is not installed.
-        FileFormatError: where a file cannot be written.
+        MissingDependencyError: if matplotlib is not installed.
+        FileFormatError: if a file cannot be written.
     """
     folder = make_folder(folder)
     numbers = json.dumps(check.as_dict(), indent=2) + "\n"
@@ -50,10 +50,10 @@ def paper_figure(movement: MovementCheck) -> Any:
     """Draw a movement: joint trajectories, errors, and angles from accelerometers, over 1000 iterations.
 
     Returns:
-        The figure of matplotlib.
+        A figure of matplotlib.
 
     Raises:
-        MissingDependencyError: where matplotlib is not installed.
+        MissingDependencyError: if matplotlib is not installed.
     """
     time, commanded, measured = movement.iterations()
     steps, tilt = np.arange(ITERATIONS), movement.tilt
@@ -79,6 +79,7 @@ def paper_figure(movement: MovementCheck) -> Any:
 
 
 def _series(movement: MovementCheck) -> str:
+    """Return the time series of a movement as CSV."""
     time, commanded, measured = movement.iterations()
     tilt = movement.tilt
     head, columns = ["iteration", "time [s]"], [np.arange(ITERATIONS), time]

@@ -1,4 +1,4 @@
-"""Replay of the paper's movements on the twin, with errors beside those that the paper reports."""
+"""Replay of the paper's movements on the twin, with errors compared with the paper's."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from pepper_kin.twin import Run, Twin
 
 @dataclass(frozen=True, eq=False)
 class GestureReport(FrozenArrays):
-    """One of the paper's movements as the twin made it; arrays are read-only.
+    """One of the paper's movements on the twin; arrays are read-only.
 
     Attributes:
-        gesture: The movement and what the paper reports.
+        gesture: The movement and the paper's values.
         trajectory: The timed movement.
-        run: What the twin did.
-        key_times: When the trajectory passes the key frames [s], shape (5,).
-        commanded: The plan moved into the joint limits [rad], shape (5, k).
+        run: Run of the twin.
+        key_times: Times at which the trajectory passes the key frames [s], shape (5,).
+        commanded: Plan clipped to the joint limits [rad], shape (5, k).
         measured: Positions of the twin at the key times [rad], shape (5, k).
     """
 
@@ -40,22 +40,22 @@ class GestureReport(FrozenArrays):
 
     @property
     def mean_absolute_error(self) -> Array:
-        """Of measured against commanded over the key frames, per joint [rad], shape (k,)."""
+        """Mean absolute error of measured against commanded positions at the key frames [rad], shape (k,)."""
         return np.abs(self.measured - self.commanded).mean(axis=0)
 
     @property
     def plan_error(self) -> Array:
-        """Of measured against the paper's plan, what lies outside the limits included [rad], shape (k,)."""
+        """Mean absolute error of measured positions against the unclipped plan [rad], shape (k,)."""
         return np.abs(self.measured - self.gesture.plan).mean(axis=0)
 
     @property
     def limit_violation(self) -> Array:
-        """How far the paper's plan lies outside the joint limits [rad], shape (5, k)."""
+        """Distance of the paper's plan outside the joint limits [rad], shape (5, k)."""
         return np.abs(self.gesture.plan - self.commanded)
 
     @property
     def rms_tracking_error(self) -> Array:
-        """Over the whole movement, per joint of the gesture [rad], shape (k,)."""
+        """Root mean square tracking error of the gesture's joints over the movement [rad], shape (k,)."""
         places = [self.run.joint_names.index(name) for name in self.gesture.joint_names]
         return self.run.rms_error[places]
 
@@ -81,7 +81,7 @@ class GestureReport(FrozenArrays):
         return "\n".join(lines)
 
     def notes(self) -> tuple[str, ...]:
-        """Return what was changed in the plan, and what is inconsistent in the paper's table."""
+        """Return sentences on changes of the plan, and on inconsistencies in the paper's table."""
         notes = []
         for frame, joint in np.argwhere(self.limit_violation > 0):
             notes.append(
@@ -123,24 +123,24 @@ class GestureReport(FrozenArrays):
 def replay(
     pepper: PepperModel, name: str, *, twin: Twin | None = None, duration: float | None = None
 ) -> GestureReport:
-    """Make one of the paper's movements on the twin and compare it with the paper's table 5.
+    """Run one of the paper's movements on the twin and compare it with the paper's table 5.
 
-    The plan's five key frames, moved into the joint limits where they lie outside, are joined by a spline
-    and timed as fast as all limits allow, the other joints standing still; the twin follows, and its
-    positions are read when the trajectory passes the key frames.
+    The plan's five key frames, clipped to the joint limits, are joined by a spline and timed as fast as all
+    limits allow, without motion of other joints. The twin follows the trajectory, and its positions are read
+    at the times of the key frames.
 
     Args:
         pepper: Pepper.
         name: "left-arm", "right-arm" or "head".
         twin: The twin to use; a new one if omitted.
-        duration: How long it is to take [s], at least the shortest time; the shortest if omitted.
+        duration: Duration of the movement [s], at least the minimum; the minimum if omitted.
 
     Returns:
         The report, with trajectory and run.
 
     Raises:
         UnknownNameError: for another gesture, or a robot without its joints.
-        InfeasibleError: where `duration` is less than the shortest.
+        InfeasibleError: if `duration` is less than the minimum.
     """
     gesture = paper_gesture(name)
     places = [pepper.joint_index(joint) for joint in gesture.joint_names]
@@ -149,15 +149,15 @@ def replay(
     trajectory = retime(pepper, points, duration=duration, balance=None, torque_scale=1.0)
     key_times = passing_times(trajectory, points)
     run = (twin if twin is not None else Twin(pepper)).execute(trajectory)
-    reached = np.minimum(key_times, run.duration)  # short of the end only where the run stopped
+    reached = np.minimum(key_times, run.duration)  # earlier than the key times only if the run stopped
     measured = run.position_at(reached)[:, places]
     return GestureReport(gesture, trajectory, run, key_times, points[:, places], measured)
 
 
 def passing_times(trajectory: Trajectory, points: Array) -> Array:
-    """Return when a trajectory made by `retime` passes its way-points [s], shape (k,).
+    """Return the times at which a trajectory of `retime` passes its way-points [s], shape (k,).
 
-    The time law keeps every way-point as a knot; they are found in order.
+    The time scaling keeps every way-point as a knot; the knots are matched in order.
     """
     at_knots = trajectory(trajectory.knots).position
     times, first = [], 0

@@ -1,4 +1,4 @@
-"""Our joint limits beside those printed in the paper's table 4.
+"""Joint limits of this library compared with the paper's table 4.
 
 Sekkat et al., Heliyon 2024, table 4: limits read in Choregraphe, the vendor's program, and in the paper's
 Gazebo twin, to two decimals.
@@ -14,24 +14,24 @@ from pepper_kin.model import PepperModel, load_pepper
 from pepper_kin.model.text_table import text_table
 
 ROUNDING = 0.005
-"""The most that rounding to two decimals can shift a value."""
+"""Maximum change of a value by rounding to two decimals [rad, or fraction of a hand's opening]."""
 SLACK = 1e-9
 
 
 @dataclass(frozen=True)
 class LimitRow:
-    """One joint's limits.
+    """Limits of one joint [rad, or fraction of a hand's opening].
 
     Attributes:
-        joint: The joint; [rad], hands [opening].
-        ours: Lower and upper limit of our model, the published ones to all digits.
-        choregraphe: The same in Choregraphe, two decimals.
-        gazebo: The same in the paper's twin, two decimals.
+        joint: Name of the joint.
+        ours: Lower and upper limit of this library's model, the published ones to all digits.
+        choregraphe: Lower and upper limit in Choregraphe, two decimals.
+        gazebo: Lower and upper limit in the paper's twin, two decimals.
         error: Mean absolute error of the two Choregraphe values against ours.
         gazebo_error: Mean absolute error of the two Gazebo values against ours.
-        paper_error: Mean absolute error of Gazebo against Choregraphe, which the paper prints.
-        printed_error: What the paper prints for it.
-        outside: How far each Choregraphe value lies outside our range (below zero: inside).
+        paper_error: Mean absolute error of Gazebo against Choregraphe, the error that the paper prints.
+        printed_error: Value that the paper prints for `paper_error`.
+        outside: Distance of each Choregraphe value outside this library's range (below zero: inside).
     """
 
     joint: str
@@ -46,16 +46,16 @@ class LimitRow:
 
     @property
     def explained_by_rounding(self) -> tuple[bool, bool]:
-        """Whether two decimals explain the difference of Choregraphe's lower and upper value from ours."""
+        """Whether rounding explains the difference of Choregraphe's lower and upper value from ours."""
         return tuple(abs(value) <= ROUNDING + SLACK for value in self.outside)  # type: ignore[return-value]
 
 
 @dataclass(frozen=True)
 class LimitsTable:
-    """Table 4 with our limits.
+    """Table 4 with this library's limits.
 
     Attributes:
-        rows: One per joint, in the order of the paper.
+        rows: Rows of the joints in the order of the paper.
     """
 
     rows: tuple[LimitRow, ...]
@@ -76,7 +76,7 @@ class LimitsTable:
         return {"rows": rows, "mean_error": self.mean_error, "mean_gazebo_error": self.mean_gazebo_error}
 
     def report(self) -> str:
-        """Return the table and what follows from it as text."""
+        """Return the table and the conclusions as text."""
         head = (
             "limits [rad]", "ours", "Choregraphe", "Gazebo", "MAE Choregraphe", "MAE Gazebo", "outside by",
         )  # fmt: skip
@@ -118,13 +118,13 @@ class LimitsTable:
 
 
 def limits_table(pepper: PepperModel | None = None) -> LimitsTable:
-    """Return the joint limits of our model beside those of the paper's table 4.
+    """Return the joint limits of this library's model with the paper's table 4.
 
     Args:
         pepper: A Pepper with moving hands; None loads it.
 
     Raises:
-        UnknownNameError: where the robot lacks a joint of the table.
+        UnknownNameError: if the robot lacks a joint of the table.
     """
     pepper = load_pepper(hands="mimic") if pepper is None else pepper
     text = (files("pepper_kin.paper") / "data" / "table4.csv").read_text(encoding="utf-8")
@@ -151,4 +151,5 @@ def limits_table(pepper: PepperModel | None = None) -> LimitsTable:
 
 
 def _mean_error(a: tuple[float, float], b: tuple[float, float]) -> float:
+    """Return the mean absolute difference of two pairs of limits."""
     return (abs(a[0] - b[0]) + abs(a[1] - b[1])) / 2

@@ -13,7 +13,7 @@ from pepper_kin.arrays import Array, FrozenArrays, read_only
 from pepper_kin.exceptions import UnknownNameError
 
 GESTURES = ("left-arm", "right-arm", "head")
-"""Gestures of the paper's Table 5: the `name` of `paper_gesture`."""
+"""Names of the gestures of the paper's table 5, for `paper_gesture`."""
 FRAMES = ("T0", "T1", "T2", "T3", "T4")
 COLUMNS = ("plan", "gazebo", "choregraphe", "reality")
 
@@ -24,12 +24,12 @@ class PaperGesture(FrozenArrays):
 
     Attributes:
         name: "left-arm", "right-arm" or "head".
-        joint_names: The joints it moves.
-        printed_labels: What the paper prints for them.
+        joint_names: Names of the moved joints.
+        printed_labels: Labels of the joints in the paper.
         plan: Key frames planned in RViz2 [rad], shape (5, k).
-        gazebo: What the paper reports for Gazebo [rad], shape (5, k).
-        choregraphe: What it reports for Choregraphe [rad], shape (5, k).
-        reality: What it reports for its robot [rad], shape (5, k).
+        gazebo: Positions in Gazebo [rad], shape (5, k).
+        choregraphe: Positions in Choregraphe [rad], shape (5, k).
+        reality: Positions of the paper's robot [rad], shape (5, k).
     """
 
     name: str
@@ -70,6 +70,7 @@ def paper_gesture(name: str) -> PaperGesture:
 
 @cache
 def _table() -> dict[str, PaperGesture]:
+    """Return the gestures of `data/table5.csv` by name."""
     text = (files("pepper_kin.paper") / "data" / "table5.csv").read_text(encoding="utf-8")
     rows = list(csv.DictReader(text.splitlines()))
     table = {}
@@ -88,7 +89,7 @@ def _table() -> dict[str, PaperGesture]:
 
 
 def paper_inconsistencies() -> tuple[str, ...]:
-    """Return what is inconsistent in table 5, counted from its numbers, one sentence each."""
+    """Return sentences on the inconsistencies of table 5, counted from its numbers."""
     table = _table().values()
     same = sum(int(np.sum(g.reality == g.choregraphe)) for g in table)
     total = sum(g.plan.size for g in table)

@@ -16,12 +16,12 @@ from pepper_kin.model.kinematic_tree import kinematic_tree
 from pepper_kin.model.urdf_document import Joint
 
 GRAVITY = 9.81  # [m/s^2]
-ACCELEROMETER_NOISE = 0.05  # [m/s^2] standard deviation, assumed
-GYROSCOPE_NOISE = 0.005  # [rad/s] standard deviation, assumed
-GYROSCOPE_BIAS = 0.01  # [rad/s] standard deviation of the constant offset, assumed
+ACCELEROMETER_NOISE = 0.05  # standard deviation of accelerometers [m/s^2], assumed
+GYROSCOPE_NOISE = 0.005  # standard deviation of gyroscopes [rad/s], assumed
+GYROSCOPE_BIAS = 0.01  # standard deviation of gyroscopes' constant offset [rad/s], assumed
 BLIND = 0.2
-"""Share of gravity across a joint's axis below which an accelerometer counts as blind to the joint."""
-_DRIFT = 1e-4  # [rad/s per sqrt(s)] that the filter lets the bias wander
+"""Fraction of gravity across a joint's axis below which an accelerometer counts as blind to the joint."""
+_DRIFT = 1e-4  # random walk of the bias in the filter [rad/s per sqrt(s)]
 
 
 def tilt_angles(specific_force: ArrayLike) -> Array:
@@ -31,18 +31,19 @@ def tilt_angles(specific_force: ArrayLike) -> Array:
         pitch = atan2(-f_x, sqrt(f_y^2 + f_z^2))
         yaw   = atan2(sqrt(f_x^2 + f_y^2), f_z)
 
-    The first is the turn about x if there is none about y, and the other way round; the third is the angle of
-    the z axis to the vertical, never negative, and carries no information on a turn about the vertical.  This
-    is the usual form of the formulas (Freescale application note AN3461), with the signs of x forward, z up.
+    The first is the rotation about x without rotation about y, and the second the reverse; the third is the
+    angle of the z axis to the vertical, never negative, without information on a rotation about the vertical.
+    This is the usual form of the formulas (Freescale application note AN3461), with the signs of x forward, z
+    up.
 
     Args:
-        specific_force: What the accelerometer measures, R^T (a - gravity) [m/s^2], shape (..., 3).
+        specific_force: Measurement of the accelerometer, R^T (a - gravity) [m/s^2], shape (..., 3).
 
     Returns:
         Angles [rad], shape (..., 3).
 
     Raises:
-        InvalidValueError: where the last axis is not 3 long.
+        InvalidValueError: for a last axis whose length is not 3.
     """
     force = np.asarray(specific_force, dtype=float)
     if force.shape[-1:] != (3,):
@@ -57,13 +58,13 @@ class TiltMeasurement(FrozenArrays):
     """Joint angles recovered from sensors on both sides of each joint; arrays are read-only.
 
     Attributes:
-        joint_names: The joints.
-        time: [s], shape (T,).
+        joint_names: Names of the joints.
+        time: Times [s], shape (T,).
         true: Angles of the motion [rad], shape (T, k).
-        formulas: By the tilt formulas: the link's angle about the joint's axis less its parent's [rad],
+        formulas: Angles by the tilt formulas, the link's about the joint's axis minus its parent's [rad],
             shape (T, k).
-        estimate: By the filter [rad], shape (T, k).
-        visible: Share of gravity across the joint's axis, 0 (blind) to 1, shape (T, k).
+        estimate: Angles by the filter [rad], shape (T, k).
+        visible: Fraction of gravity across the joint's axis, 0 (blind) to 1, shape (T, k).
     """
 
     joint_names: tuple[str, ...]
@@ -89,7 +90,7 @@ class TiltMeasurement(FrozenArrays):
 
     @property
     def blind(self) -> NDArray[np.bool_]:
-        """Whether gravity lies along the joint's axis, to within `BLIND`, at some time, shape (k,)."""
+        """Whether gravity is along the joint's axis, to within `BLIND`, at some time, shape (k,)."""
         return np.asarray((self.visible < BLIND).any(axis=0))
 
 
@@ -106,14 +107,15 @@ def measure_by_tilt(
 ) -> TiltMeasurement:
     """Simulate accelerometers and gyroscopes on the links and recover joint angles from them.
 
-    A joint turns its link about an axis n of the parent: f_parent = Rot(n, q) f_link, up to the acceleration
-    between both origins.  So only the part of gravity across n depends on q,
+    A revolute joint rotates its link about an axis n of the parent: f_parent = Rot(n, q) f_link, up to the
+    acceleration between both origins. Only the part of gravity across n depends on q,
 
         q = atan2(n . (f_link x f_parent), f_link . f_parent)        (parts across n)
 
-    with a variance of the sensors' over its squared length.  Where it vanishes the accelerometers are blind;
-    the gyroscopes' difference along n is not, but drifts.  A Kalman filter with the states angle and bias
-    joins both.  It starts from the first tilt, or from the true angle where that is blind.
+    with the sensors' variance divided by the squared length of that part. If it vanishes the accelerometers
+    are blind; the difference of the gyroscopes along n is not, but drifts. A Kalman filter with the states
+    angle and bias combines both. It starts from the first tilt, or from the true angle if the accelerometers
+    are blind.
 
     Args:
         pepper: The robot.
@@ -123,10 +125,10 @@ def measure_by_tilt(
         a: Accelerations [rad/s^2], shape (T, n).
         joints: Revolute joints to recover.
         noise: Whether the sensors have noise and bias.
-        seed: Of noise and bias.
+        seed: Seed of noise and bias.
 
     Returns:
-        What was recovered.
+        The recovered joint angles.
 
     Raises:
         UnknownNameError: for an unknown joint.
@@ -154,6 +156,7 @@ def measure_by_tilt(
 
 
 def _sides(joint: Joint) -> tuple[str, str]:
+    """Return the parent and the child link of a joint."""
     return joint.parent, joint.child
 
 
@@ -187,7 +190,7 @@ def _sensors(
 
 
 def _turn_about(axis: Array, above: Array, below: Array) -> tuple[Array, Array]:
-    """Return the angle about an axis from one vector's part across it to another's, and its length.
+    """Return the angle about an axis between two vectors' parts across it, and the shorter part's length.
 
     Args:
         axis: Unit vector, shape (3,).
@@ -207,12 +210,12 @@ def _filter(time: Array, angle: Array, length: Array, whole: Array, rate: Array,
     """Return the angle by a Kalman filter with states (angle, bias of the rate), shape (T,).
 
     Args:
-        time: [s], shape (T,).
-        angle: From the accelerometers [rad], shape (T,).
-        length: Of the specific force across the axis [m/s^2], shape (T,).
+        time: Times [s], shape (T,).
+        angle: Angle from the accelerometers [rad], shape (T,).
+        length: Length of the specific force across the axis [m/s^2], shape (T,).
         whole: Length of the specific force [m/s^2], shape (T,).
-        rate: From the gyroscopes [rad/s], shape (T,).
-        start: Angle at the start where the accelerometers are blind [rad].
+        rate: Angular velocity from the gyroscopes [rad/s], shape (T,).
+        start: Angle at the start if the accelerometers are blind there [rad].
     """
     estimate = np.empty_like(angle)
     sees = length[0] > BLIND * GRAVITY

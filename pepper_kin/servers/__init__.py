@@ -1,7 +1,7 @@
-"""Servers for others over a network: who may connect, how connections begin, and how a server ends.
+"""Network servers: access rules, bounds on new connections, and shutdown.
 
-access             pages and clients that may connect: loopback, tokens, origins
+access             rules of which clients may connect: loopback, tokens, origins
 connection_gate    connections before their first message is complete
 http_server        an HTTP server behind both
-end_signals        Ctrl-C and SIGTERM as a request to end
+end_signals        Ctrl-C and SIGTERM as a shutdown request
 """

@@ -1,4 +1,4 @@
-"""Access to the server: pages that it served itself, on its own host names."""
+"""Access rules of a server: only its own pages, under its own host names."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ _ANY = ("0.0.0.0", "::")
 
 @dataclass(frozen=True)
 class Access:
-    """The rules of one server.
+    """Access rules of one server.
 
-    A page of another site can make a browser send requests here, but it cannot hide where it comes from
-    (`Origin`), and where it gives this machine another name (DNS rebinding), by `Host`.  Beyond
-    loopback others can reach the port, and a token stands in the address.
+    A page of another site can make a browser send requests to this server, but it cannot hide its origin
+    (`Origin`), nor another name that it gave this machine by DNS rebinding (`Host`). Beyond loopback other
+    machines can reach the port, so a token in the address is required.
 
     Attributes:
-        host: The address to listen on.
-        token: What the address of the page must carry; None for none.
+        host: Address on which the server listens.
+        token: Token that the page's address must contain; None for none.
     """
 
     host: str = LOOPBACK
@@ -38,14 +38,14 @@ class Access:
         """Return the rules of a server on a host.
 
         Args:
-            host: A name or address of this machine.
-            allow_remote: Whether it may be one that other machines reach.
-            token: The token; None draws one where others can reach the server, and leaves it out elsewhere.
-            risk: What a host that others reach means, for the refusal.
+            host: Name or address of this machine.
+            allow_remote: Whether other machines may reach the host.
+            token: The token; None draws one if other machines can reach the server, else no token is used.
+            risk: Risk of a reachable host, for the error message.
 
         Raises:
-            InvalidValueError: for a host beyond loopback that was not allowed, or a token that is too short
-                to be one.
+            InvalidValueError: for a host beyond loopback that is not allowed, or a token that is too short or
+                not alphanumeric.
         """
         if token is not None and (len(token) < 8 or not token.isascii() or not token.isalnum()):
             raise InvalidValueError("token", "something else", "eight or more letters and digits")
@@ -61,17 +61,17 @@ class Access:
 
     @property
     def shown_host(self) -> str:
-        """The host as it stands in an address for a browser."""
+        """Host in the form of a browser's address."""
         name = socket.gethostname() if self.host in _ANY else self.host
         return f"[{name}]" if ":" in name else name
 
     def fault(self, host: str | None, origin: str | None, token: str | None) -> str | None:
-        """Say why a request is refused, or None where it is not.
+        """Return the reason why a request is refused; None for an allowed request.
 
         Args:
-            host: The header `Host`.
-            origin: The header `Origin`, None where there is none.
-            token: The token that it carries, None where there is none.
+            host: Header `Host` of the request.
+            origin: Header `Origin`, or None.
+            token: Token of the request, or None.
         """
         name = _name_of(host)
         if name is None or not self._is_mine(name):
@@ -85,6 +85,7 @@ class Access:
         return None
 
     def _is_mine(self, name: str) -> bool:
+        """Whether a host name is this machine's, as far as the server listens on it."""
         if name in _LOOPBACK_NAMES or is_loopback(name):
             return True
         if is_loopback(self.host):
@@ -94,13 +95,14 @@ class Access:
 
 
 def is_loopback(host: str) -> bool:
-    """Whether only this machine reaches a host, by its name or address."""
+    """Whether a host name or address is a loopback one, which only this machine reaches."""
     if host.lower() in _LOOPBACK_NAMES:
         return True
     return _is_address(host) and ipaddress.ip_address(host).is_loopback
 
 
 def _is_address(name: str) -> bool:
+    """Whether a host name is an IP address."""
     try:
         ipaddress.ip_address(name)
     except ValueError:
@@ -109,7 +111,7 @@ def _is_address(name: str) -> bool:
 
 
 def _name_of(host: str | None) -> str | None:
-    """Return the name in a header `Host`, without its port, in small letters."""
+    """Return the name in a header `Host` without port, in lower case; None for a malformed header."""
     try:
         return urlsplit(f"//{host}").hostname if host else None
     except ValueError:
@@ -117,7 +119,7 @@ def _name_of(host: str | None) -> str | None:
 
 
 def _same_place(origin: str, host: str) -> bool:
-    """Whether an origin is the place that the request went to, port included."""
+    """Whether an origin has the host and port of the request."""
     try:
         parts = urlsplit(origin)
     except ValueError:

@@ -1,4 +1,4 @@
-"""Connections before they are admitted: bounds on their number, their time and what is logged of them."""
+"""Connections before admission, with bounds on their number, their time and their log entries."""
 
 from __future__ import annotations
 
@@ -18,38 +18,39 @@ from pepper_kin.exceptions import InfeasibleError, InvalidValueError
 logger = logging.getLogger(__name__)
 
 FIRST_MESSAGE_SECONDS = 5.0
-"""A connection whose first message is not complete by then is closed [s]."""
+"""Maximum time until the first message of a connection is complete [s]; then it is closed."""
 LARGEST_FIRST_MESSAGE = 65_536
-"""What a first message may be long [byte]."""
+"""Maximum length of a first message [byte]."""
 MOST_WAITING, MOST_WAITING_OF_ONE = 512, 448
-"""Connections whose first message is not complete: in all, and of one address."""
+"""Maximum number of connections with an incomplete first message, in total and of one address."""
 MOST_ADMITTED = 100
-"""Connections that are admitted, at a time."""
+"""Maximum number of admitted connections at a time."""
 BACKLOG = 4096
-"""Connections that the system keeps until they are accepted."""
+"""Maximum number of connections that the system queues until they are accepted."""
 ACCEPTED_AT_ONCE = 256
-"""Connections that are accepted before those that wait are read: as many as may wait."""
+"""Maximum number of connections that are accepted in one call, before waiting ones are read."""
 PAUSE = 0.05
-"""Until connections are accepted again after the process had no file left for them [s]."""
+"""Pause of accepting after the process ran out of file descriptors [s]."""
 LOG_SECONDS = 60.0
-"""A gate logs one line in this time at most [s]."""
+"""Minimum time between two log lines of a gate [s]."""
 
 _RESET, _FLUSH = struct.pack("ii", 1, 0), struct.pack("ii", 0, 0)
 _NOW = getattr(socket, "MSG_DONTWAIT", 0)
-"""With this flag a call to the system fewer is made for each connection."""
+"""Flag that saves one system call for each connection."""
 
 T = TypeVar("T")
 
 
 class BoundedPool(Generic[T]):
-    """Items of many addresses, of which the oldest is removed for the newest.
+    """Bounded items of many addresses, of which the oldest is removed for the newest.
 
-    The address with the most items gives one up, so that a client with thousands of connections closes its
-    own and not those of others.
+    The address with the most items loses one, so that a client with thousands of connections loses its own
+    and not other clients'.
 
     Args:
-        most: Items in all.
-        most_of_one: Items of one address; of a network of 64 bits with IPv6, which is what one client has.
+        most: Maximum number of items in total.
+        most_of_one: Maximum number of items of one address; for IPv6, of a 64-bit network, which one client
+            has.
     """
 
     def __init__(self, most: int, most_of_one: int) -> None:
@@ -64,7 +65,7 @@ class BoundedPool(Generic[T]):
         return item in self._addresses
 
     def add(self, item: T, address: str) -> T | None:
-        """Add an item; return the one that has to go for it, which is no longer in the pool."""
+        """Add an item; return the item that was removed for it, or None."""
         key = _network(address)
         mine = self._items.setdefault(key, {})
         mine[item] = None
@@ -76,7 +77,7 @@ class BoundedPool(Generic[T]):
         return None
 
     def discard(self, item: T) -> bool:
-        """Remove an item; return whether it was there."""
+        """Remove an item; return whether it was in the pool."""
         key = self._addresses.pop(item, None)
         if key is None:
             return False
@@ -90,6 +91,7 @@ class BoundedPool(Generic[T]):
         return next(iter(self._addresses), None)
 
     def _pop(self, items: dict[T, None]) -> T:
+        """Remove and return the oldest of some items."""
         item = next(iter(items))
         self.discard(item)
         return item
@@ -104,20 +106,20 @@ class _Waiting:
 
 
 class ConnectionGate:
-    """Accepts connections, and admits those whose first message may pass.
+    """Gate that accepts connections and admits those with an allowed first message.
 
-    Whoever connects costs the server a socket and the bytes sent, until the first message is complete.  Such
-    connections are bounded in number and time; the oldest of the address that has the most is closed for the
-    newest, since a client sends its first message at once.  `judge` gets what was received and returns True
-    to admit, False to wait for more, or the bytes that are sent before the connection is closed.
+    Until its first message is complete, a connection costs the server a socket and the received bytes.
+    Waiting connections are bounded in number and time; the oldest one of the address with the most is closed
+    for the newest, since a client sends its first message at once. `judge` is called with the received bytes
+    and returns True to admit, False to wait for more, or bytes to send before closing the connection.
 
-    All methods belong to the thread of the event loop.
+    All methods have to be called in the thread of the event loop.
 
     Args:
-        name: What the log calls the server.
-        judge: Looks at the bytes received so far.
-        admit: Gets the connection (non-blocking), those bytes and the address of the client; `leave` has to
-            be called when it ends.
+        name: Name of the server in the log.
+        judge: Function that judges the bytes received so far.
+        admit: Function that is called with the connection (non-blocking), the received bytes and the client's
+            address; `leave` has to be called when the connection ends.
     """
 
     def __init__(
@@ -136,14 +138,14 @@ class ConnectionGate:
     def start(self, listeners: list[socket.socket]) -> None:
         """Accept connections of listening sockets in the running event loop."""
         self._loop, self._listeners = asyncio.get_running_loop(), list(listeners)
-        for listener in self._listeners:  # accepted ones inherit it: nothing is left of them in the system
+        for listener in self._listeners:  # accepted sockets inherit it: none lingers
             listener.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _RESET)
             if hasattr(socket, "TCP_DEFER_ACCEPT"):  # Linux accepts a connection with its first bytes
                 listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_DEFER_ACCEPT, int(FIRST_MESSAGE_SECONDS))
             self._loop.add_reader(listener, self._accept, listener)
 
     def close(self) -> None:
-        """Close the listening sockets, and what is not admitted."""
+        """Close the listening sockets and the waiting connections."""
         for listener in self._listeners:
             self._loop.remove_reader(listener)
             listener.close()
@@ -155,20 +157,20 @@ class ConnectionGate:
 
     @property
     def waiting(self) -> int:
-        """How many connections wait to be admitted."""
+        """Number of connections that wait for admission."""
         return len(self._waiting)
 
     @property
     def full(self) -> bool:
-        """Whether as many connections are admitted as may be."""
+        """Whether the maximum number of connections is admitted."""
         return self.admitted >= MOST_ADMITTED
 
     def leave(self) -> None:
-        """Count a connection that was admitted as ended."""
+        """Count an admitted connection as ended."""
         self.admitted -= 1
 
     def dropped(self, why: str) -> None:
-        """Log that a connection was closed; what follows within a minute is counted in the next line."""
+        """Log that a connection was closed; further ones within a minute are counted in the next line."""
         self._dropped += 1
         now = time.monotonic()
         if now - self._logged_at >= LOG_SECONDS:
@@ -177,13 +179,14 @@ class ConnectionGate:
             self._dropped, self._logged_at = 0, now
 
     def _accept(self, listener: socket.socket) -> None:
+        """Accept queued connections of a listening socket, and read those that have sent data."""
         new: list[_Waiting] = []
         for _ in range(ACCEPTED_AT_ONCE):
             try:
                 connection, address = listener.accept()
             except (BlockingIOError, ConnectionAbortedError):
                 break
-            except OSError as error:  # the process has no file left
+            except OSError as error:  # the process has no file descriptor left
                 self._make_room(listener, error)
                 break
             waiting = _Waiting(connection, address, self._loop.time())
@@ -192,7 +195,7 @@ class ConnectionGate:
                 self._end(old, "others came before its first message")
             if not self._read(waiting):
                 new.append(waiting)
-        for waiting in new:  # of a long queue most have gone already
+        for waiting in new:  # most connections of a long queue are closed already
             if waiting in self._waiting:
                 waiting.connection.setblocking(False)
                 self._loop.add_reader(waiting.connection.fileno(), self._read, waiting)
@@ -200,20 +203,22 @@ class ConnectionGate:
             self._expire()
 
     def _make_room(self, listener: socket.socket, error: OSError) -> None:
+        """Close the oldest waiting connection, or pause accepting, after an error of `accept`."""
         old = self._waiting.oldest()
         if old is not None:
             self._end(old, f"of {error.strerror}")
             return
         self.dropped(f"of {error.strerror}")
-        self._loop.remove_reader(listener)  # it stays readable: the loop would do nothing else
+        self._loop.remove_reader(listener)  # the socket stays readable, so the loop would do nothing else
         self._loop.call_later(PAUSE, self._accept_again, listener)
 
     def _accept_again(self, listener: socket.socket) -> None:
+        """Resume accepting after a pause."""
         if listener in self._listeners:
             self._loop.add_reader(listener, self._accept, listener)
 
     def _read(self, waiting: _Waiting) -> bool:
-        """Read what has come; return whether the connection no longer waits."""
+        """Read received bytes; return whether the connection no longer waits."""
         try:
             data = waiting.connection.recv(LARGEST_FIRST_MESSAGE, _NOW)
         except BlockingIOError:
@@ -235,7 +240,7 @@ class ConnectionGate:
         return True
 
     def _expire(self) -> None:
-        """Close what has waited too long, and come back for the next."""
+        """Close connections that have waited too long, and schedule the next check."""
         self._expiry = None
         while (oldest := self._waiting.oldest()) is not None:
             left = oldest.since + FIRST_MESSAGE_SECONDS - self._loop.time()
@@ -245,18 +250,20 @@ class ConnectionGate:
             self._end(oldest, f"its first message was not complete after {FIRST_MESSAGE_SECONDS:g} s")
 
     def _forget(self, waiting: _Waiting) -> None:
+        """Remove a waiting connection from the pool and the event loop."""
         self._waiting.discard(waiting)
         self._loop.remove_reader(waiting.connection.fileno())
 
     def _end(self, waiting: _Waiting, why: str | None = None, reply: bytes = b"") -> None:
+        """Close a waiting connection after a reply, if any, and log the reason, if any."""
         self._forget(waiting)
         try:
             if reply:
                 waiting.connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _FLUSH)
                 waiting.connection.send(reply, _NOW)
                 waiting.connection.shutdown(socket.SHUT_WR)
-                waiting.connection.recv(LARGEST_FIRST_MESSAGE, _NOW)  # unread bytes would take it back
-        except OSError:  # it has gone already, or does not read
+                waiting.connection.recv(LARGEST_FIRST_MESSAGE, _NOW)  # unread bytes would reset it
+        except OSError:  # the client has closed already, or does not read
             pass
         finally:
             waiting.connection.close()
@@ -268,14 +275,14 @@ def listening_sockets(server: str, host: str, port: object, tried: int = 1) -> l
     """Return sockets that listen on a port of a host.
 
     Args:
-        server: What the error calls the server.
-        host: A name or address of this machine.
-        port: The port, 0 for any that is free.
-        tried: How many ports are tried, from this one on.
+        server: Name of the server in the error.
+        host: Name or address of this machine.
+        port: The port, 0 for any free one.
+        tried: Number of ports that are tried, from `port` on.
 
     Raises:
-        InvalidValueError: for a port that is none.
-        InfeasibleError: where the port is taken, or the host is none of this machine's.
+        InvalidValueError: for an invalid port.
+        InfeasibleError: if the port is in use, or the host is not this machine's.
     """
     from tornado.netutil import bind_sockets
 
@@ -295,7 +302,7 @@ def listening_sockets(server: str, host: str, port: object, tried: int = 1) -> l
 
 
 def _network(address: str) -> str:
-    """Return what one client has: an address of IPv4, or the 64 bits of a network of IPv6."""
+    """Return the network of one client: an IPv4 address, or the 64-bit prefix of an IPv6 address."""
     if ":" not in address:
         return address
     whole = ipaddress.IPv6Address(address.partition("%")[0])

@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM as a request to end, for programs that serve until then."""
+"""Ctrl-C and SIGTERM as a shutdown request of serving programs."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 _PAUSE = 0.05
-"""Between two looks [s]: what is locked, as by `threading.Event`, may not be set by a handler of signals."""
+"""Time between two polls [s]: a signal handler may not set a `threading.Event`, which takes a lock."""
 
 
 class EndRequest:
-    """Whether a program has been requested to end."""
+    """Shutdown request of a program."""
 
     def __init__(self) -> None:
         self._made = False
 
     def set(self) -> None:
-        """Request the end; handlers of signals may do so."""
+        """Request the shutdown; signal handlers may call it."""
         self._made = True
 
     def wait(self, seconds: float | None = None) -> bool:
-        """Return True once the end is requested, or False after a time [s]; without one wait for ever."""
+        """Wait for the request and return True, or False after a timeout [s]; None waits without limit."""
         end = None if seconds is None else time.monotonic() + seconds
         while not self._made:
             left = _PAUSE if end is None else end - time.monotonic()
@@ -35,7 +35,7 @@ class EndRequest:
 
 @contextmanager
 def ended_by_signals() -> Iterator[EndRequest]:
-    """Yield a request that Ctrl-C and SIGTERM make, instead of what they do otherwise; in the main thread."""
+    """Yield a request that Ctrl-C and SIGTERM set instead of their usual effect, in the main thread."""
     ended = EndRequest()
     if threading.current_thread() is not threading.main_thread():
         yield ended

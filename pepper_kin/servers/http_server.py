@@ -1,4 +1,4 @@
-"""The HTTP server of the live page and of rosbridge: requests pass the rules of access first."""
+"""HTTP server of the live page and of rosbridge, with access rules for requests."""
 
 from __future__ import annotations
 
@@ -21,14 +21,15 @@ Fault = Callable[[str | None, str | None, str | None], str | None]
 
 
 class GatedHttpServer:
-    """Serves an application over connections whose request has the right host, origin and token.
+    """Server of an application that admits requests with the right host, origin and token.
 
-    A connection is of one request, which has no body: neither server takes one.
+    A connection serves one request without a body, which neither server needs.
 
     Args:
-        application: What answers requests that are admitted.
-        name: What the log calls the server.
-        fault: Says why a request is refused from its `Host`, `Origin` and token, as `Access.fault` does.
+        application: Application that answers admitted requests.
+        name: Name of the server in the log.
+        fault: Function from `Host`, `Origin` and token to the reason of a refusal or None, such as
+            `Access.fault`.
     """
 
     def __init__(self, application: Application, name: str, fault: Fault) -> None:
@@ -45,12 +46,13 @@ class GatedHttpServer:
         self.gate.start(sockets)
 
     async def close(self) -> None:
-        """End the server; web sockets are closed by whoever holds them."""
+        """Stop the server; the owners of web sockets close them."""
         self.gate.close()
         self._server.stop()
         await self._server.close_all_connections()
 
     def _judge(self, received: bytes) -> bool | bytes:
+        """Return whether the received bytes are an allowed request, or the bytes of a refusal."""
         end = _END.search(received)
         if end is None:
             return False
@@ -73,33 +75,34 @@ class GatedHttpServer:
         return True
 
     def _admit(self, connection: socket.socket, received: bytes, address: Any) -> None:
+        """Hand an admitted connection to the HTTP server."""
         self._server.handle_stream(_BegunStream(connection, received, self.gate.leave), address)
 
 
 class _OneRequestServer(HTTPServer):
-    """A server that closes connections after an answer.  `no_keep_alive` would refuse web sockets, too."""
+    """HTTP server that closes connections after one answer; `no_keep_alive` would refuse web sockets, too."""
 
     def start_request(self, server_conn: Any, request_conn: Any) -> HTTPMessageDelegate:
-        """Begin a request; the second one of a connection has not passed the gate."""
+        """Begin a request; a second request of a connection, which has not passed the gate, closes it."""
         if request_conn.stream.begins_twice():
             request_conn.stream.close()
         return super().start_request(server_conn, request_conn)
 
 
 class _BegunStream(IOStream):
-    """A stream of which the first bytes have been read already."""
+    """Stream whose first bytes have been read already."""
 
     def __init__(self, connection: socket.socket, begun: bytes, on_end: Callable[[], None]) -> None:
         self._begun, self._on_end, self._used = bytearray(begun), on_end, False
         super().__init__(connection)
 
     def begins_twice(self) -> bool:
-        """Note that a request begins; return whether one did before."""
+        """Note the beginning of a request; return whether it is not the first one."""
         before, self._used = self._used, True
         return before
 
     def read_from_fd(self, buf: bytearray | memoryview) -> int | None:
-        """Read what was received before, then from the socket."""
+        """Read the bytes that were received before, then from the socket."""
         if not self._begun:
             return super().read_from_fd(buf)
         count = min(len(buf), len(self._begun))
@@ -108,13 +111,13 @@ class _BegunStream(IOStream):
         return count
 
     def close_fd(self) -> None:
-        """Close the socket, and count it as ended."""
+        """Close the socket and count the connection as ended."""
         super().close_fd()
         self._on_end()
 
 
 def _answer(code: int, name: str, text: str) -> bytes:
-    """Return a whole answer of one sentence."""
+    """Return a complete HTTP response with one sentence."""
     body = text.encode()
     lines = (
         f"HTTP/1.1 {code} {name}",

@@ -1,4 +1,4 @@
-"""CasADi `SX` functions of the model's quantities, for optimization and for compilation.
+"""CasADi `SX` functions of a robot's kinematics and dynamics, for optimization and for compilation.
 
     from pepper_kin import load_pepper, symbolic
 
@@ -6,8 +6,8 @@
     dynamics = symbolic.forward_dynamics(pepper)         # casadi.Function (q, v, tau) -> a
     hand = symbolic.frame_pose(pepper, "LArm_effector")  # q -> 4 x 4
 
-Each takes a robot and names, and returns a `casadi.Function` of column vectors, built once for each robot.
-The model's constants are folded in and what is always zero is a structural zero.
+Each builder takes a robot and names, and returns a `casadi.Function` of column vectors, built once for each
+robot. The model's constants are folded in, and entries that are always zero are structural zeros.
 
     frame_pose, frame_poses, frame_velocity, frame_acceleration, frame_jacobian, frame_jacobian_rate
     inverse_dynamics, gravity_torque, forward_dynamics
@@ -15,9 +15,9 @@ The model's constants are folded in and what is always zero is a structural zero
     mass_matrix, inverse_mass_matrix, coriolis_matrix, regressor, kinetic_energy, potential_energy
     center_of_mass, center_of_mass_jacobian, centroidal_momentum, centroidal_map, centroidal_inertia
     base_wrench, zero_moment_point
-    function, QUANTITIES                      any of them by name
+    function, QUANTITIES                      any quantity by name
 
-They have the names of the functions of `kinematics` and `dynamics` whose expressions they are.
+The builders are named after the functions of `kinematics` and `dynamics` that compute the same quantities.
 """
 
 from pepper_kin.call_errors import name_options

@@ -1,8 +1,9 @@
-"""Body frames that make expressions short: z along the joint's axis, origins where translations vanish.
+"""Body frames for short expressions: z along the joint's axis, origins that make translations sparse.
 
 A frame that is fixed to a moving body may be chosen freely.  With z along the joint's axis a rotation by the
-joint costs six operations instead of fifteen; with the origin moved along the axis to where the neighboring
-axis passes by, most components of the translations between joints are zero (Denavit and Hartenberg, 1955).
+joint costs six operations instead of fifteen; with the origin moved along the axis to the point nearest to
+the neighboring axis, most components of the translations between joints are zero (Denavit and Hartenberg,
+1955).
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from pepper_kin.model.moving_tree import MovingTree
 from pepper_kin.model.shapes import cross_product, product
 
 SNAP = 1e-11
-"""Entries of constant rotations this near to 0 or 1 are taken for it: URDFs round pi / 2 to twelve digits."""
+"""Distance from 0 or 1 below which entries of constant rotations are rounded: URDFs round pi / 2."""
 
 
 class Alignment(NamedTuple):
@@ -45,25 +46,25 @@ class Alignment(NamedTuple):
 
 
 def snapped(rotation: Array, tolerance: float = SNAP) -> Array:
-    """Return an array, shape (3, 3) or (3,), whose entries near to 0, 1 and -1 are exactly that.
+    """Return an array, shape (3, 3) or (3,), with entries near 0, 1 or -1 rounded to these values.
 
     Args:
         rotation: Rotation matrix, or a unit vector.
-        tolerance: How near.
+        tolerance: Maximum distance of an entry that is rounded.
     """
     nearest = np.round(rotation)
     return np.where(np.abs(rotation - nearest) < tolerance, nearest, rotation) + 0.0
 
 
 def align(tree: MovingTree, shift_origins: bool) -> list[Alignment]:
-    """Choose the frames of all bodies.
+    """Return the frames of all bodies, chosen for short expressions.
 
     Args:
-        tree: The joints.
-        shift_origins: Whether origins may leave the joint's own origin.
+        tree: Moving joints of the robot.
+        shift_origins: Whether origins may move along the joints' axes.
 
     Returns:
-        One alignment per joint, without the world.
+        Alignment of each joint, without the world.
     """
     rotations = [np.eye(3)]
     for i in range(1, tree.count):
@@ -78,7 +79,7 @@ def _rotation(tree: MovingTree, i: int, parent: Array) -> Array:
     """Return the axes of body i: z along the joint, x such that the constant rotations have most zeros.
 
     Args:
-        tree: The joints.
+        tree: Moving joints of the robot.
         i: Index of the joint.
         parent: Axes of the parent body in its joint's frame, as columns, shape (3, 3).
 
@@ -111,10 +112,10 @@ def _along(first: Array, second: Array) -> float:
 
 
 def _shift(tree: MovingTree, rotations: list[Array], origins: Array) -> None:
-    """Move origins along their axes, one at a time, while that makes translations sparser.
+    """Move origins along their axes, one at a time, where it makes translations sparser.
 
     Args:
-        tree: The joints.
+        tree: Moving joints of the robot.
         rotations: Axes of each body in its joint's frame, as columns, shape (3, 3) each.
         origins: Origin of each body in its joint's frame [m], shape (njoints, 3); changed in place.
     """

@@ -41,8 +41,8 @@ def base_wrench(pepper: PepperModel, *, payload: Mapping[str, float] | None = No
 def zero_moment_point(pepper: PepperModel, *, payload: Mapping[str, float] | None = None) -> casadi.Function:
     """Return the function (q, v, a) -> zero-moment point (-n_y, n_x) / f_z of the base wrench (f, n).
 
-    Where the floor would have to pull (f_z <= 0) there is no such point; the function then returns the value
-    of the formula without a warning.
+    If the floor had to pull (f_z <= 0) the point is not defined; the function then returns the value of the
+    formula without a warning.
 
     Args:
         pepper: The robot.
@@ -59,7 +59,7 @@ def zero_moment_point(pepper: PepperModel, *, payload: Mapping[str, float] | Non
 
 
 def torques_and_wrench(pepper: PepperModel) -> casadi.Function:
-    """Return the function (q, v, a) -> torques and wrench of the floor, by one recursion for both.
+    """Return the function (q, v, a) -> torques and wrench of the floor, by a common recursion.
 
     Args:
         pepper: The robot.
@@ -80,7 +80,7 @@ def _floor_wrench(state: StateExpressions, carried: Wrench) -> Wrench:
 
     Args:
         state: The state.
-        carried: Those of the links that move.
+        carried: Force and moment of the moving links.
     """
     force, torque = carried
     resting = world_motion(state.tree.gravity)

@@ -1,4 +1,4 @@
-"""A moving body as plain numbers."""
+"""A moving body as Python floats."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ class SymbolicBody:
     """A moving body.
 
     Attributes:
-        parent: Place of its parent in the tree, -1 for the world.
+        parent: Index of its parent in the tree, -1 for the world.
         slides: Whether its joint is prismatic; both kinds act along the body's z axis.
         rotation: Constant rotation of the frame at q = 0 to the parent's.
         translation: Origin in the parent's frame at q = 0 [m].
-        inertia: Its mass distribution.
+        inertia: Mass distribution.
     """
 
     parent: int

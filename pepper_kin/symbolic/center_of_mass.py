@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @remembered
 def center_of_mass(pepper: PepperModel, *, payload: Mapping[str, float] | None = None) -> casadi.Function:
-    """Return the function q -> center of mass of all links, those fixed to the floor included.
+    """Return the function q -> center of mass of all links, including links fixed to the floor.
 
     Args:
         pepper: The robot.
@@ -40,15 +40,15 @@ def center_of_mass_jacobian(
 ) -> casadi.Function:
     """Return the function q -> J_c(q): velocity of the center of mass of all links = J_c v.
 
-    Column i is z_i x h_i / m, or z_i m_i / m where the joint slides: h_i and m_i are the moment of what
-    joint i carries, about a point on its axis, and its mass.
+    Column i is z_i x h_i / m, or z_i m_i / m for a prismatic joint: h_i and m_i are the first moment, about a
+    point on the axis, and the mass of the composite body that joint i carries.
 
     Args:
         pepper: The robot.
         payload: Point masses at "left", "right" or a frame by name [kg].
 
     Returns:
-        Function of q (n); output `jacobian` (3, n) in world axes [m/rad].
+        Function of q (n); output `jacobian` (3, n) in world axes [m/rad or m/m].
     """
     state, symbols = new_state(pepper, "q")
     moments, masses, _ = first_moments(state)
@@ -74,6 +74,6 @@ def total_mass(tree: Tree) -> float:
 
 
 def center_of_all(state: StateExpressions) -> Vector:
-    """Return the center of mass of all links in the world."""
+    """Return the center of mass of all links in the world [m]."""
     moment = add(first_moments(state)[2], state.tree.still.first)
     return scale(1.0 / total_mass(state.tree), moment)

@@ -10,7 +10,7 @@ from pepper_kin.symbolic.vectors import Vector, add, add_matrices, outer, scale,
 
 
 def composite_inertias(state: StateExpressions) -> tuple[list[Inertia], Inertia]:
-    """Return the inertia of every composite body, and that of all moving bodies about the world's origin.
+    """Return the inertia of every composite body, and of all moving bodies about the world's origin.
 
     With x = r + R x_c for the points of a child, h += R h_c + m r and
     Sigma += R Sigma_c R^T + r (R h_c)^T + (R h_c) r^T + m r r^T.
@@ -65,10 +65,10 @@ def unit_wrench(slides: bool, inertia: Inertia) -> tuple[Vector, Vector]:
 
 
 def mass_entries(state: StateExpressions) -> dict[tuple[int, int], Value]:
-    """Return M_ij of all coordinates of `pinocchio_model` for every body i and each j that carries it.
+    """Return M_ij of the coordinates of `pinocchio_model` for every body i and each ancestor j.
 
-    Walker and Orin (1982): the wrench of a unit acceleration of joint i is carried inward; each joint on the
-    way feels its part along its axis.
+    Walker and Orin (1982): the wrench of a unit acceleration of joint i is propagated inward; its component
+    along the axis of each joint on the way is an entry.
     """
     tree = state.tree
     entries: dict[tuple[int, int], Value] = {}
@@ -86,7 +86,7 @@ def mass_entries(state: StateExpressions) -> dict[tuple[int, int], Value]:
 def coupled_entries(
     state: StateExpressions, entries: dict[tuple[int, int], Value]
 ) -> dict[tuple[int, int], Value]:
-    """Return the lower half of E^T M E from that of M; entries that are always zero are left out."""
+    """Return the lower half of E^T M E from M's lower half; entries that are always zero are left out."""
     rows = state.tree.full_map.tolist()
     gains = [[(k, gain) for k, gain in enumerate(row) if gain] for row in rows]
     result: dict[tuple[int, int], Value] = {}
@@ -94,7 +94,7 @@ def coupled_entries(
         for a, gain_a in gains[i]:
             for b, gain_b in gains[j]:
                 place = (max(a, b), min(a, b))
-                # The same value stands above the diagonal as well.
+                # The entry above the diagonal has the same value.
                 twice = 2.0 if i != j and a == b else 1.0
                 result[place] = result.get(place, 0.0) + (twice * gain_a * gain_b) * value
     return {place: value for place, value in result.items() if not isinstance(value, float) or value}

@@ -33,7 +33,7 @@ def kinetic_energy(pepper: PepperModel, *, payload: Mapping[str, float] | None =
     for (omega, velocity), body in zip(velocities(state), state.tree.bodies, strict=True):
         (xx, xy, xz), (_, yy, yz), (_, _, zz) = body.inertia.second
         x, y, z = omega
-        # omega . (tr(Sigma) - Sigma) omega / 2, its constants gathered.
+        # omega . (tr(Sigma) - Sigma) omega / 2, with its constants collected.
         spin = x * ((0.5 * (yy + zz)) * x - xy * y - xz * z) + y * ((0.5 * (xx + zz)) * y - yz * z)
         spin = spin + (0.5 * (xx + yy)) * (z * z)
         drift = (0.5 * body.inertia.mass) * dot(velocity, velocity)
@@ -45,7 +45,7 @@ def kinetic_energy(pepper: PepperModel, *, payload: Mapping[str, float] | None =
 
 @remembered
 def potential_energy(pepper: PepperModel, *, payload: Mapping[str, float] | None = None) -> casadi.Function:
-    """Return the function q -> -sum(m_i g . c_i) over the moving links; zero where their center is at z = 0.
+    """Return the function q -> -sum(m_i g . c_i) over the moving links; zero if their center is at z = 0.
 
     Args:
         pepper: The robot.

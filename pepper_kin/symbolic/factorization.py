@@ -1,4 +1,4 @@
-"""Factorization M = L^T D L that keeps the zeros of the tree, and solutions by it."""
+"""Factorization M = L^T D L that keeps the zeros of the tree, and solutions of linear systems."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from pepper_kin.symbolic.scalars import GraphScalar, Value, reciprocal
 class Factors:
     """L and 1 / D of a symmetric positive definite M = L^T D L.
 
-    Rows are eliminated from the last to the first: where every joint stands after the one that carries it, L
-    has entries only where one joint carries the other (Featherstone, 2008, section 6.5).
+    Rows are eliminated from the last to the first: if every joint comes after its parent, L has entries only
+    where one joint carries the other (Featherstone, 2008, section 6.5).
 
     Attributes:
-        lower: lower[i][j] with j < i, entries of L below its diagonal of ones.
+        lower: Entries lower[i][j], j < i, of L below its unit diagonal.
         inverse_diagonal: 1 / D_i.
     """
 
@@ -65,11 +65,11 @@ def factorize(entries: Mapping[tuple[int, int], Value], joint_names: Sequence[st
     """Factorize a symmetric positive definite matrix.
 
     Args:
-        entries: Lower half without its zeros.
+        entries: Lower half of the matrix without zeros.
         joint_names: Name of the joint of each row.
 
     Raises:
-        ModelError: naming the joints that move no mass: M has no inverse.
+        ModelError: naming joints that move no mass, for which M has no inverse.
     """
     n = len(joint_names)
     idle = [name for i, name in enumerate(joint_names) if _is_zero(entries.get((i, i), 0.0))]
@@ -92,4 +92,5 @@ def factorize(entries: Mapping[tuple[int, int], Value], joint_names: Sequence[st
 
 
 def _is_zero(value: Value) -> bool:
+    """Return whether a value is a constant zero."""
     return not isinstance(value, GraphScalar) and value == 0.0

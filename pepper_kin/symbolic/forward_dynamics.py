@@ -1,4 +1,4 @@
-"""Forward dynamics: the accelerations that torques cause."""
+"""Forward dynamics: accelerations from torques."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def forward_dynamics(
 
     Args:
         pepper: The robot.
-        contact_frame: A frame that an external force acts on; the function then has a fourth input `wrench`
+        contact_frame: Frame on which an external force acts; the function then has a fourth input `wrench`
             (6) [N, N m], as in `inverse_dynamics`.
         payload: Point masses at "left", "right" or a frame by name [kg].
 

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     import casadi
 
 Rows = Sequence[Sequence[Value]]
-"""An output: rows of values; known zeros become structural zeros."""
+"""Rows of an output's values; known zeros become structural zeros."""
 
 
 def make_function(
@@ -21,12 +21,12 @@ def make_function(
 
     Args:
         name: Name of the function.
-        graph: The graph of the scalars.
-        inputs: Input name -> its scalars, all inputs of the graph in the order in which they were made.
-        outputs: Output name -> rows of values, all rows of one length.
+        graph: Graph of the scalars.
+        inputs: Input name -> scalars; all inputs of the graph in the order of their creation.
+        outputs: Output name -> rows of values, all rows of equal length.
 
     Returns:
-        A function of column vectors; only operations that reach an output are in it.
+        Function of column vectors with only the operations that outputs need.
     """
     import casadi
 
@@ -68,7 +68,7 @@ def _expressions(
 
 
 def _needed(graph: ScalarGraph, outputs: Mapping[str, Rows]) -> list[int]:
-    """Return the places of the nodes that outputs depend on, operands first."""
+    """Return the indices of the nodes on which outputs depend, operands first."""
     needed = {
         value.place
         for rows in outputs.values()

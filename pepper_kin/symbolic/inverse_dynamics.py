@@ -1,4 +1,4 @@
-"""Inverse dynamics: the torques of a motion."""
+"""Inverse dynamics: torques of a motion."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def inverse_dynamics(
 
     Args:
         pepper: The robot.
-        contact_frame: A frame that an external force acts on.  The function then has a fourth input
+        contact_frame: Frame on which an external force acts. The function then has a fourth input
             `wrench` (6) [N, N m]: force on the robot at the frame's origin, then moment, in world axes;
             J^T wrench is subtracted from tau.
         payload: Point masses at "left", "right" or a frame by name [kg].
@@ -71,7 +71,7 @@ def gravity_torque(pepper: PepperModel, *, payload: Mapping[str, float] | None =
 
 
 def full_gravity(state: StateExpressions) -> list[Value]:
-    """Return g of all coordinates of `pinocchio_model`, see `gravity_torque`."""
+    """Return g for all coordinates of `pinocchio_model`, see `gravity_torque`."""
     moments, masses, _ = first_moments(state)
     pulls: list[Vector] = []
     tau: list[Value] = []
@@ -99,13 +99,13 @@ def full_torques(
 
 
 def torques_of(state: StateExpressions, totals: Sequence[Wrench]) -> list[Value]:
-    """Return the torques of all coordinates, of the wrenches that each joint passes on, and of the rotors."""
+    """Return the torques of all coordinates from the wrenches at the joints, with the rotors' torques."""
     rotors = (j * a for j, a in zip(state.tree.armature, state.a, strict=True))
     return [t + rotor for t, rotor in zip(along_joints(state, totals), rotors, strict=True)]
 
 
 def add_contact(state: StateExpressions, wrenches: list[Wrench], frame: str, wrench: Sequence[Value]) -> None:
-    """Subtract an external wrench (in world axes at a frame's origin) from a body's wrench."""
+    """Subtract an external wrench, in world axes at a frame's origin, from the wrench of the frame's body."""
     body, _, place = state.tree.anchor(frame)
     if body < 0:
         return

@@ -1,4 +1,4 @@
-"""Derivatives of inverse dynamics, and the Coriolis matrix, which is half of one of them."""
+"""Derivatives of inverse dynamics, and the Coriolis matrix, half of the derivative by velocities."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def inverse_dynamics_derivatives(
         payload: Point masses at "left", "right" or a frame by name [kg].
 
     Returns:
-        Function of q, v, a (n each); outputs `dtau_dq`, `dtau_dv`, `dtau_da` (n, n), the last is M(q).
+        Function of q, v, a (n each); outputs `dtau_dq`, `dtau_dv` and `dtau_da` = M(q), (n, n) each.
     """
     state, symbols = new_state(pepper, "q", "v", "a")
     derivatives = torque_derivatives(state)
@@ -44,9 +44,9 @@ def inverse_dynamics_derivatives(
 def coriolis_matrix(pepper: PepperModel, *, payload: Mapping[str, float] | None = None) -> casadi.Function:
     """Return the function (q, v) -> C(q, v) of tau = M a + C v + g, by Christoffel symbols.
 
-    C_ij = sum_k (dM_ij/dq_k + dM_ik/dq_j - dM_jk/dq_i) v_k / 2.  These symbols are symmetric in j and k, so
-    that d(C v)/dv = 2 C: the matrix is half of the derivative of the torques by the velocities.  With it
-    dM/dt - 2 C is skew.
+    C_ij = sum_k (dM_ij/dq_k + dM_ik/dq_j - dM_jk/dq_i) v_k / 2.  Christoffel symbols are symmetric in j and
+    k, so that d(C v)/dv = 2 C: the matrix is half of the derivative of the torques by the velocities.  With
+    this C, dM/dt - 2 C is skew-symmetric.
 
     Args:
         pepper: The robot.
@@ -65,7 +65,7 @@ def coupled_rows(full_map: Array, entries: Entries) -> list[list[Value]]:
     """Return E^T A E as n rows of n expressions.
 
     Args:
-        full_map: E, from the robot's n coordinates to those of all N joints, shape (N, n).
+        full_map: E, from the robot's n coordinates to the N joints' coordinates, shape (N, n).
         entries: A by row and column; entries that are left out are zero.
     """
     gains = [[(k, gain) for k, gain in enumerate(row) if gain] for row in full_map.tolist()]

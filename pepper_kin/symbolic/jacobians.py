@@ -24,7 +24,7 @@ def frame_jacobian(pepper: PepperModel, frame: str) -> casadi.Function:
 
     Args:
         pepper: The robot.
-        frame: A name of `pepper.frame_names`.
+        frame: Name of a frame, see `pepper.frame_names`.
 
     Returns:
         Function of q (n); output `jacobian` (6, n), linear first, in world axes at the frame's origin
@@ -44,10 +44,10 @@ def frame_jacobian_rate(pepper: PepperModel, frame: str) -> casadi.Function:
 
     Args:
         pepper: The robot.
-        frame: A name of `pepper.frame_names`.
+        frame: Name of a frame, see `pepper.frame_names`.
 
     Returns:
-        Function of q, v (n each); output `jacobian_rate` (6, n), as in `frame_jacobian`, per second.
+        Function of q, v (n each); output `jacobian_rate` (6, n), rows as in `frame_jacobian`, per second.
 
     Raises:
         UnknownNameError: for a frame that the robot lacks.
@@ -60,7 +60,7 @@ def frame_jacobian_rate(pepper: PepperModel, frame: str) -> casadi.Function:
 def jacobian_columns(state: StateExpressions, frame: str) -> tuple[Columns, Columns]:
     """Return the columns of J and of dJ/dt for all coordinates of `pinocchio_model`.
 
-    A column is (z x (p - p_i), z), or (z, 0) where the joint slides, with z its axis and p_i its body's
+    A column is (z x (p - p_i), z), or (z, 0) for a prismatic joint, with z its axis and p_i its body's
     origin in the world.
     """
     tree = state.tree
@@ -79,7 +79,7 @@ def jacobian_columns(state: StateExpressions, frame: str) -> tuple[Columns, Colu
     for i in path:
         axis = transpose(poses[i][0])[2]
         along[i] = scale(state.v[i], axis)
-        spins[i] = omega  # of the parent: what turns the axis
+        spins[i] = omega  # angular velocity of the parent, which rotates the axis
         if not tree.bodies[i].slides:
             omega = add(omega, along[i])
     reach = times(poses[body][0], place)
@@ -102,8 +102,8 @@ def reduced_rows(full_map: Array, columns: Columns) -> list[list[Value]]:
     """Return A E as rows of n expressions, from the columns of A.
 
     Args:
-        full_map: E, from the robot's n coordinates to those of all N joints, shape (N, n).
-        columns: Columns of A, one for each of the N joints.
+        full_map: E, from the robot's n coordinates to the N joints' coordinates, shape (N, n).
+        columns: N columns of A, one for each joint.
     """
     gains = full_map.tolist()
     rows = []

@@ -1,4 +1,4 @@
-"""The joint-space mass matrix and its inverse."""
+"""Joint-space mass matrix and its inverse."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 def mass_matrix(pepper: PepperModel, *, payload: Mapping[str, float] | None = None) -> casadi.Function:
     """Return the function q -> M(q), symmetric and positive definite.
 
-    Composite-rigid-body algorithm (Walker and Orin, 1982) on base parameters.  Joints that do not carry one
-    another have structural zeros.
+    Composite-rigid-body algorithm (Walker and Orin, 1982) on base parameters.  Entries of two joints of which
+    neither carries the other are structural zeros.
 
     Args:
         pepper: The robot.

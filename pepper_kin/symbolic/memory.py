@@ -1,4 +1,4 @@
-"""Cache of functions, each built once for a robot and its parameters."""
+"""Cache of functions, built once for each robot and arguments."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from pepper_kin.model.at_frames import carrying
 
 Result = TypeVar("Result")
 
-# One lock for all: CasADi counts references to expressions without locking.
+# One lock for all threads: CasADi counts references to expressions without locking.
 _lock = threading.RLock()
 _memory: RobotMemory[Hashable, Any] = RobotMemory()
 
 
 def _free_lock() -> None:
-    """Free the lock in a forked child, where the thread that held it does not exist."""
+    """Replace the lock in a forked child, where the thread that held it does not exist."""
     global _lock
     _lock = threading.RLock()
 
@@ -33,11 +33,11 @@ if hasattr(os, "register_at_fork"):
 def remembered(build: Callable[..., Result]) -> Callable[..., Result]:
     """Cache the results of a builder by robot and arguments.
 
-    Results are dropped with their robot, and when its masses change.
+    Results are dropped with their robot.
 
     Args:
-        build: Takes a robot and hashable arguments.  Where it has an argument `payload`, it is given the
-            robot that carries that, and no payload.
+        build: Function of a robot and hashable arguments. If it has an argument `payload`, it is called with
+            the robot that carries the payload, and without payload.
     """
     signature = inspect.signature(build)
     loadable = "payload" in signature.parameters

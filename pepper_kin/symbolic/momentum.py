@@ -66,7 +66,7 @@ def centroidal_map(pepper: PepperModel, *, payload: Mapping[str, float] | None =
         payload: Point masses at "left", "right" or a frame by name [kg].
 
     Returns:
-        Function of q (n); output `map` (6, n), linear first, in world axes.
+        Function of q (n); output `map` (6, n), linear rows first, in world axes.
     """
     state, symbols = new_state(pepper, "q")
     inertias, _ = composite_inertias(state)

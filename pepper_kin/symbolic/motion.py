@@ -15,8 +15,8 @@ from pepper_kin.symbolic.vectors import ZERO, Matrix, Vector, add, cross, scale,
 class Motion:
     """Rotation and acceleration of a body, in the body's axes.
 
-    A point at x of the body accelerates with a + U x, where U = [alpha]x + [omega]x [omega]x.  Velocities of
-    origins are never needed: dynamics does not change between frames that move uniformly.
+    The acceleration of a point x of the body is a + U x, where U = [alpha]x + [omega]x [omega]x.  Velocities
+    of origins are never needed: dynamics does not change between frames that move uniformly.
 
     Attributes:
         omega: Angular velocity [rad/s].
@@ -29,7 +29,7 @@ class Motion:
     a: Vector
 
     def field(self) -> Matrix:
-        """Return U."""
+        """Return U, three rows [1/s^2]."""
         (x, y, z), (p, q, r) = self.omega, self.alpha
         xx, yy, zz, xy, xz, yz = x * x, y * y, z * z, x * y, x * z, y * z
         return (
@@ -40,7 +40,7 @@ class Motion:
 
 
 def world_motion(gravity: Vector) -> Motion:
-    """Return the motion of the world: no rotation, and an acceleration of -g that stands for gravity."""
+    """Return the motion of the world: no rotation, and the acceleration -g in place of gravity."""
     return Motion(ZERO, ZERO, (-gravity[0], -gravity[1], -gravity[2]))
 
 
@@ -49,7 +49,7 @@ def motions(state: StateExpressions, gravity: Vector | None = None) -> list[Moti
 
     Args:
         state: Positions, velocities and accelerations.
-        gravity: Gravity vector [m/s^2], the robot's by default.
+        gravity: Gravity vector [m/s^2]; the robot's gravity by default.
     """
     world = world_motion(state.tree.gravity if gravity is None else gravity)
     result: list[Motion] = []
@@ -95,7 +95,7 @@ def collect(
         wrenches: (force [N], moment about the origin [N m]) of each body in the body's axes.
 
     Returns:
-        For each body the sum over it and its descendants, and the sum at the origin of the world.
+        Sum over each body and its descendants, and the sum at the origin of the world.
     """
     totals = list(wrenches)
     world: tuple[Vector, Vector] = (ZERO, ZERO)

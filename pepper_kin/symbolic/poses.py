@@ -20,7 +20,7 @@ def frame_pose(pepper: PepperModel, frame: str) -> casadi.Function:
 
     Args:
         pepper: The robot.
-        frame: A name of `pepper.frame_names`.
+        frame: Name of a frame, see `pepper.frame_names`.
 
     Returns:
         Function of q (n) [rad or m]; output `pose` (4, 4) is transform_frame_to_world [m].
@@ -36,11 +36,11 @@ def frame_poses(pepper: PepperModel, frames: Sequence[str]) -> casadi.Function:
 
     Args:
         pepper: The robot.
-        frames: k names of `pepper.frame_names`.
+        frames: Names of k frames, see `pepper.frame_names`.
 
     Returns:
-        Function of q (n) [rad or m]; output `poses` (4 k, 4) holds transform_frame_to_world of each frame,
-        one below the other [m].
+        Function of q (n) [rad or m]; output `poses` (4 k, 4) stacks transform_frame_to_world of all frames
+        [m].
 
     Raises:
         UnknownNameError: for a frame that the robot lacks.
@@ -53,6 +53,7 @@ def frame_poses(pepper: PepperModel, frames: Sequence[str]) -> casadi.Function:
 
 @remembered
 def _frame_poses(pepper: PepperModel, frames: tuple[str, ...], name: str, output: str) -> casadi.Function:
+    """Return the shorter of the functions for compact and for plain body frames."""
     candidates = []
     for compact in (True, False):
         state, symbols = new_state(pepper, "q", compact=compact)

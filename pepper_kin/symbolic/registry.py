@@ -1,4 +1,4 @@
-"""Quantities by name."""
+"""Functions of quantities by name."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ _BUILDERS: tuple[Callable[..., casadi.Function], ...] = (
 QUANTITIES: MappingProxyType[str, Callable[..., casadi.Function]] = MappingProxyType(
     {builder.__name__: builder for builder in _BUILDERS}
 )
-"""Name -> builder of every quantity of this package."""
+"""Builder of every quantity of this package, by name."""
 
 
 def function(pepper: PepperModel, quantity: str, *args: object, **keywords: object) -> casadi.Function:
@@ -63,12 +63,12 @@ def function(pepper: PepperModel, quantity: str, *args: object, **keywords: obje
 
     Args:
         pepper: The robot.
-        quantity: A name of `QUANTITIES`.
-        *args: What the builder of that name takes after the robot, such as a frame.
-        **keywords: The same by name.
+        quantity: Name of a quantity, see `QUANTITIES`.
+        *args: Arguments of the builder after the robot, such as a frame.
+        **keywords: Keyword arguments of the builder.
 
     Returns:
-        The same object as the builder returns.
+        Function that the builder returns.
 
     Raises:
         UnknownNameError: for an unknown quantity or frame.

@@ -27,9 +27,10 @@ _TENSOR_PLACES = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
 def regressor(pepper: PepperModel) -> casadi.Function:
     """Return the function (q, v, a) -> Y with tau = Y(q, v, a) pi.
 
-    pi holds ten parameters for each moving body, bodies in the order of `pepper.inner_model` (links fixed
-    to a body are part of it): m, m c_x, m c_y, m c_z, I_xx, I_xy, I_yy, I_xz, I_yz, I_zz, moments about the
-    origin of the body's joint frame, in its axes; `inertia.toDynamicParameters()` of Pinocchio gives them.
+    pi holds ten parameters for each moving body, bodies in the order of `pepper.inner_model` (links fixed to
+    a body are part of it): m, m c_x, m c_y, m c_z, I_xx, I_xy, I_yy, I_xz, I_yz, I_zz, moments of inertia
+    about the origin of the body's joint frame, in its axes; Pinocchio's `inertia.toDynamicParameters()`
+    returns them.
 
     Args:
         pepper: The robot.
@@ -53,11 +54,11 @@ def regressor(pepper: PepperModel) -> casadi.Function:
 
 
 def _parameter_wrenches(motion: Motion, axes: Array) -> list[Wrench]:
-    """Return the wrench of a body with one inertial parameter of 1 and the others 0, for each of the ten.
+    """Return the wrenches of a body with one of the ten inertial parameters at 1 and the others at 0.
 
     Args:
         motion: Motion of the body, in the body's axes.
-        axes: The body's axes in the joint's frame, in which the parameters are stated, shape (3, 3).
+        axes: Axes of the body in the joint's frame, in which the parameters are given, shape (3, 3).
     """
     wrenches: list[Wrench] = [(motion.a, ZERO)]
     for k in range(3):

@@ -1,10 +1,10 @@
-"""Base parameters: inertia on a joint's axis moved to the parent, for the same motion with fewer parameters.
+"""Base parameters: inertia on a joint's axis moved to the parent, for equal torques with fewer parameters.
 
 A thin rod along a revolute axis does not move when the joint turns.  So each body's mass m, its moment h_z
-and its second moment Sigma_zz along the axis may be removed from the body and fixed to the parent instead,
-where they are constants as well: every torque, momentum and energy remains exactly the same, and three of ten
-parameters vanish (the base parameters of Gautier and Khalil, 1990, in the form of second moments).  A body
-on a prismatic joint does not rotate relative to its parent: its six second moments move to the parent.
+and its second moment Sigma_zz along the axis may be removed from the body and added to the parent instead,
+where they are constants as well: torques, momenta and energies remain exactly equal, and three of ten
+parameters vanish (the base parameters of Gautier and Khalil, 1990, in the form of second moments).  A body on
+a prismatic joint does not rotate relative to its parent: its six second moments move to the parent.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ def regroup(bodies: Sequence[SymbolicBody], ground: Inertia) -> tuple[list[Symbo
     """Move the inertia that a joint does not affect to the parent, from the tips to the world.
 
     Args:
-        bodies: Parents before children.
-        ground: Inertia that is fixed to the world already.
+        bodies: Bodies, parents before children.
+        ground: Inertia of links fixed to the world.
 
     Returns:
         The bodies with their new inertias, and the inertia fixed to the world.

@@ -1,10 +1,10 @@
-"""Scalars that fold constants, share equal operations and carry their sign for free.
+"""Scalars that fold constants, share equal operations and keep their sign without an operation.
 
 The algorithms of this package work on numbers that are either Python floats (constants of the model) or
-`GraphScalar`s (values that depend on the inputs).  Zeros and ones vanish, equal operations are one node
-however often they are written, and a minus sign costs nothing until it must be stored.  Nothing here depends
-on CasADi; the finished graph is converted to `SX` by `functions.py`, which is several times faster than
-building `SX` expressions operator by operator.
+`GraphScalar`s (values that depend on the inputs).  Zeros and ones vanish, repeated operations share one node,
+and a minus sign costs no operation until it must be stored. This module does not depend on CasADi; the
+finished graph is converted to `SX` by `functions.py`, which is several times faster than building `SX`
+expressions operator by operator.
 """
 
 from __future__ import annotations
@@ -12,15 +12,15 @@ from __future__ import annotations
 from typing import TypeAlias, Union
 
 Value: TypeAlias = Union["GraphScalar", float]
-"""A number in an algorithm: a float is known when the expression is built."""
+"""A number in an algorithm; a float is a constant of the expression."""
 
 
 class ScalarGraph:
-    """Operations in the order in which they were written, each once.
+    """Unique operations in the order of their creation.
 
     Attributes:
-        nodes: (operation, operand, operand): operands are places in this list; of "input" the second field is
-            the number of the input, of "const" the constant; unary operations repeat their operand.
+        nodes: (operation, operand, operand): operands are indices in this list; for "input" the second field
+            is the index of the input, for "const" the constant; unary operations repeat their operand.
     """
 
     def __init__(self) -> None:
@@ -28,7 +28,7 @@ class ScalarGraph:
         self._places: dict[tuple[str, float, float], int] = {}
 
     def node(self, operation: str, first: float, second: float) -> int:
-        """Return the place of an operation, adding it if it is new."""
+        """Return the index of an operation, which is added if it is new."""
         key = (operation, first, second)
         place = self._places.get(key)
         if place is None:
@@ -47,7 +47,7 @@ class GraphScalar:
 
     Attributes:
         graph: The graph.
-        place: Place of the node.
+        place: Index of the node.
         negative: Whether the scalar is minus the node.
     """
 

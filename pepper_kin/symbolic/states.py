@@ -66,11 +66,11 @@ def make_state(
     v: Sequence[Value] | None = None,
     a: Sequence[Value] | None = None,
 ) -> StateExpressions:
-    """Return the state of joint vectors of the robot (of length n: mimic joints follow by E and e).
+    """Return the state of the robot at joint vectors of length n; mimic joints follow by E and e.
 
     Args:
         tree: The robot.
-        q: n positions [rad or m]; there is one sine and one cosine for each different angle.
+        q: n positions [rad or m]; equal angles share a sine and a cosine.
         v: n velocities [rad/s or m/s], zero by default.
         a: n accelerations [rad/s^2 or m/s^2], zero by default.
     """
@@ -89,10 +89,10 @@ def make_state(
 
 
 def follow(full_map: Array, x: Sequence[Value], offset: Array | None = None) -> list[Value]:
-    """Return E x + e, one value for each of all N joints.
+    """Return E x + e, one value for each of the N joints.
 
     Args:
-        full_map: E, from the robot's n coordinates to those of all joints, shape (N, n).
+        full_map: E, from the robot's n coordinates to the N joints' coordinates, shape (N, n).
         x: n values.
         offset: e, shape (N,); zero by default.
     """
@@ -106,7 +106,7 @@ def follow(full_map: Array, x: Sequence[Value], offset: Array | None = None) -> 
 
 
 def gather(full_map: Array, x: Sequence[Value]) -> list[Value]:
-    """Return E^T x, n values, of E, shape (N, n), and of x, one value for each of all N joints."""
+    """Return E^T x, n values, from E, shape (N, n), and x, one value for each of the N joints."""
     return follow(full_map.T, x)
 
 
@@ -117,31 +117,31 @@ def new_inputs(tree: Tree, *names: str) -> tuple[ScalarGraph, dict[str, list[Gra
 
 
 class Symbols(NamedTuple):
-    """Inputs of a function that is being written.
+    """Inputs of a function under construction.
 
     Attributes:
-        graph: The graph of the scalars.
-        inputs: Input name -> its scalars.
+        graph: Graph of the scalars.
+        inputs: Input name -> scalars.
     """
 
     graph: ScalarGraph
     inputs: dict[str, list[GraphScalar]]
 
     def function(self, name: str, **outputs: Rows) -> casadi.Function:
-        """Return the function of the inputs with outputs by name, rows of values each."""
+        """Return the function of the inputs with outputs, rows of values, by name."""
         return make_function(name, self.graph, self.inputs, outputs)
 
 
 def new_state(
     pepper: PepperModel, *names: str, compact: bool = True, wrench: bool = False
 ) -> tuple[StateExpressions, Symbols]:
-    """Return the state of a robot at symbols, and these.
+    """Return the state of a robot at symbolic inputs, and the inputs.
 
     Args:
         pepper: The robot.
-        *names: Joint vectors that are inputs, in order: "q", and "v" and "a" of the state, or others.
-        compact: See `read_tree`.
-        wrench: Whether there is an input `wrench` (6), too.
+        *names: Names of joint vectors that are inputs, in order: "q", "v" and "a" of the state, or others.
+        compact: Whether to use compact body frames, see `read_tree`.
+        wrench: Whether to add an input `wrench` (6).
     """
     tree = read_tree(pepper, compact=compact)
     graph, inputs = new_inputs(tree, *names)

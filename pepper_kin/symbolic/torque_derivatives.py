@@ -1,10 +1,10 @@
 """Analytical derivatives of inverse dynamics, in body frames.
 
-A small change of joint j moves everything outboard of it as one composite body, so the wrench changes by the
+A small change of joint j moves all bodies outboard of it as one composite body, so the wrench changes by the
 composite's inertia.  Let h, Sigma be the composite's first and second moments about the origin of body j, and
-let primes be rates relative to body j, caused by the composite's inner joints: h' = sum(m x'),
-Pi = sum(m x' x^T).  For changes d_omega, d_alpha, d_a of the motion of body j (at constant velocities of the
-joints further out) the wrench of the composite changes by
+let primes be rates relative to body j, caused by the composite's inner joints: h' = sum(m x'), Pi = sum(m x'
+x^T).  For changes d_omega, d_alpha, d_a of the motion of body j (at constant velocities of the joints further
+out) the wrench of the composite changes by
 
     d_f = m d_a + d_alpha x h + d_omega x (omega x h) + omega x (d_omega x h) + 2 d_omega x h'
     d_n = h x d_a + J d_alpha + (Sigma omega) x d_omega + (Sigma d_omega) x omega + 2 (tr(Pi) - Pi) d_omega
@@ -13,8 +13,8 @@ where J = tr(Sigma) - Sigma.  Rotating joint j by d is equivalent to rotating th
 and the resulting wrench by d:  d_omega = omega x z, d_alpha = alpha x z, d_a = a x z.  A change of its
 velocity is d_omega = z, d_alpha = omega x z.  Propagated inward these give the rows of the ancestors of j
 ("columns").  For the descendants of j the roles swap: the linear form that maps (d_omega, d_alpha, d_a) of a
-body further in to the torque of a joint is propagated inward ("forms").  The result is that of Carpentier and
-Mansard, Analytical derivatives of rigid body dynamics algorithms (2018), with fewer operations, because
+body further in to the torque of a joint is propagated inward ("forms").  The result agrees with Carpentier
+and Mansard, Analytical derivatives of rigid body dynamics algorithms (2018), with fewer operations, because
 classical instead of spatial accelerations make linear velocities disappear.
 """
 
@@ -72,7 +72,7 @@ class _Composite:
     """A composite body and its motion.
 
     Attributes:
-        slides: Whether its joint is prismatic.
+        slides: Whether the joint j is prismatic.
         motion: Motion of body j.
         inertia: m, h, Sigma.
         first_rate: h'.
@@ -86,7 +86,7 @@ class _Composite:
     second_rate: Matrix
 
     def wrench_change(self, d_omega: Vector, d_alpha: Vector, d_a: Vector) -> Wrench:
-        """Return (d_f, d_n) of a change of the motion."""
+        """Return the change (d_f, d_n) of the wrench for a change of the motion."""
         h, omega, second = self.inertia.first, self.motion.omega, self.inertia.second
         rate = add(cross(omega, h), scale(2.0, self.first_rate))
         force = add(
@@ -107,7 +107,7 @@ class _Composite:
         f, n = unit_wrench(self.slides, self.inertia)
         h, omega = self.inertia.first, self.motion.omega
         if self.slides:
-            # z . d_f as a form in d_omega.
+            # z . d_f as a linear form in d_omega.
             first_rate = add(cross(omega, h), scale(2.0, self.first_rate))
             return f, n, add(cross(first_rate, Z), cross(h, cross(Z, omega)))
         second, rate = self.inertia.second, self.second_rate
@@ -164,10 +164,10 @@ def _composites(state: StateExpressions, moving: list[Motion]) -> list[_Composit
 def _columns(
     state: StateExpressions, j: int, composite: _Composite, wrench: Wrench, result: TorqueDerivatives
 ) -> None:
-    """Add the derivatives with respect to joint j of its torque and of those of its ancestors."""
+    """Add the derivatives of the torques of joint j and its ancestors with respect to joint j."""
     motion = composite.motion
     if composite.slides:
-        # Sliding by d shifts the point of the parent that carries body j, and the moment arm of its wrench.
+        # A translation by d shifts the point of the parent that carries body j, and the wrench's moment arm.
         by_q = composite.wrench_change(ZERO, ZERO, times(motion.field(), Z))
         by_q = (by_q[0], add(by_q[1], z_cross(wrench[0])))
         by_v = composite.wrench_change(ZERO, ZERO, scale(2.0, cross(motion.omega, Z)))
@@ -207,11 +207,11 @@ def _forms(state: StateExpressions, i: int, composites: list[_Composite], result
 def _carried(
     state: StateExpressions, child: int, omega: Vector, form: tuple[Vector, Vector, Vector]
 ) -> tuple[Vector, Vector, Vector]:
-    """Return a form in changes of the motion of a body as one in those of its parent, rotating at omega.
+    """Return a linear form in a body's motion changes as a form in its parent's, which rotates at omega.
 
-    From d_omega_c = R^T d_omega, d_alpha_c = R^T d_alpha + d_omega_c x z v and
-    d_a_c = R^T (d_a + d_alpha x r + d_omega x (omega x r) + omega x (d_omega x r)) (+ 2 d_omega_c x z v where
-    the joint slides): (omega x r) x f + r x (f x omega) = r (omega . f) + f (omega . r) - 2 omega (r . f).
+    From d_omega_c = R^T d_omega, d_alpha_c = R^T d_alpha + d_omega_c x z v and d_a_c = R^T (d_a + d_alpha x r
+    + d_omega x (omega x r) + omega x (d_omega x r)) (+ 2 d_omega_c x z v for a prismatic joint): (omega x r)
+    x f + r x (f x omega) = r (omega . f) + f (omega . r) - 2 omega (r . f).
     """
     f, n, d = form
     turn, r, v = state.turns[child], state.translations[child], state.v[child]

@@ -1,4 +1,4 @@
-"""The kinematic tree as plain numbers: frames, translations and inertias."""
+"""Kinematic tree as Python floats: frames, translations and inertias."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ class Tree:
     Attributes:
         bodies: Parents before children; body i is moved by coordinate i of `pinocchio_model`.
         ground: Inertia of moving bodies that base parameters assign to the world (see `regrouping.py`).
-        still: Links fixed to the world.
+        still: Inertia of links fixed to the world.
         alignments: Frame of each body relative to its joint's frame in `pinocchio_model`.
         gravity: Gravity vector [m/s^2].
         armature: Reflected rotor inertia of each coordinate [kg m^2].
-        full_map: E of q_full = E q + e.
-        full_offset: e.
+        full_map: E of q_full = E q + e, shape (n_full, n).
+        full_offset: e, shape (n_full,).
         anchors: Frame name -> body that carries it (-1: the world), rotation and origin in its frame.
     """
 
@@ -73,11 +73,11 @@ class Tree:
 
 
 class BodyFrame(NamedTuple):
-    """Where the frame of a body lies.
+    """Frame of a body relative to its parent's.
 
     Attributes:
-        parent: Place of the parent in the tree, -1 for the world.
-        slides: Whether its joint is prismatic; both kinds act along the body's z axis.
+        parent: Index of the parent in the tree, -1 for the world.
+        slides: Whether the joint is prismatic; both kinds act along the body's z axis.
         rotation: Constant rotation of the frame at q = 0 to the parent's.
         translation: Origin in the parent's frame at q = 0 [m].
     """
@@ -89,11 +89,11 @@ class BodyFrame(NamedTuple):
 
 
 class BodyFrames(NamedTuple):
-    """The kinematic tree without its masses, for which Pinocchio is not loaded.
+    """Kinematic tree without masses, read without loading Pinocchio.
 
     Attributes:
-        bodies: As in `Tree`.
-        alignments: As in `Tree`.
+        bodies: Frames of the bodies, parents before children.
+        alignments: Frame of each body relative to its joint's frame in `pinocchio_model`.
     """
 
     bodies: tuple[BodyFrame, ...]

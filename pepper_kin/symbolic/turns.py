@@ -56,7 +56,7 @@ class Turn:
     def outward_symmetric(self, m: Matrix) -> Matrix:
         """Return R M R^T of a symmetric M.
 
-        Of the rotation about z, with k = s (xx - yy) + 2 c xy: xx' = xx - s k, yy' = yy + s k,
+        For the rotation about z, with k = s (xx - yy) + 2 c xy: xx' = xx - s k, yy' = yy + s k,
         xy' = c k - xy, which takes half the operations of two matrix products.
         """
         c, s = self.cosine, self.sine
@@ -73,7 +73,7 @@ class Turn:
         return tuple(self.outward(row) for row in columns)
 
     def compose(self, orientation: Matrix) -> Matrix:
-        """Return Q R, the orientation of the body from that of its parent, Q."""
+        """Return Q R, the orientation of the body, from its parent's orientation Q."""
         x, y, z = transpose(product(orientation, self.constant))
         c, s = self.cosine, self.sine
         return tuple((c * a + s * b, c * b - s * a, e) for a, b, e in zip(x, y, z, strict=True))
@@ -83,5 +83,5 @@ def congruence(c: Matrix, m: Matrix) -> Matrix:
     """Return C M C^T of a symmetric M and a constant C."""
     half = product(c, m)
     rows = product(half, transpose(c))
-    # Both halves are equal; stating one keeps the other's operations out of the expression.
+    # Both halves are equal; using one keeps the other's operations out of the expression.
     return symmetric(rows[0][0], rows[1][1], rows[2][2], rows[0][1], rows[0][2], rows[1][2])

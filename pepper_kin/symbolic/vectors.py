@@ -1,4 +1,4 @@
-"""Vectors and matrices of three, made of scalars; known zeros cost nothing."""
+"""Vectors of 3 and 3 x 3 matrices of scalars; known zeros cost no operation."""
 
 from __future__ import annotations
 

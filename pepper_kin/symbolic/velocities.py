@@ -1,4 +1,4 @@
-"""Velocities and accelerations of frames, summed from the frame back to the world."""
+"""Velocities and accelerations of frames, summed from the frame to the world."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def frame_velocity(pepper: PepperModel, frame: str) -> casadi.Function:
 
     Args:
         pepper: The robot.
-        frame: A name of `pepper.frame_names`.
+        frame: Name of a frame, see `pepper.frame_names`.
 
     Returns:
         Function of q, v (n each); output `velocity` (6): velocity of the frame's origin [m/s], then angular
@@ -38,7 +38,7 @@ def frame_acceleration(pepper: PepperModel, frame: str) -> casadi.Function:
 
     Args:
         pepper: The robot.
-        frame: A name of `pepper.frame_names`.
+        frame: Name of a frame, see `pepper.frame_names`.
 
     Returns:
         Function of q, v, a (n each); output `acceleration` (6): second derivative of the position of the
@@ -52,11 +52,10 @@ def frame_acceleration(pepper: PepperModel, frame: str) -> casadi.Function:
 
 
 def _tip_motion(state: StateExpressions, frame: str) -> tuple[Vector, Vector]:
-    """Return velocity and acceleration of a frame, linear first.
+    """Return velocity and acceleration of a frame, linear components first.
 
-    From the frame inward, rho, velocity, omega, acceleration and alpha are those of the frame relative to the
-    current body, in its axes; each joint adds its contribution to everything further out.  So no orientation
-    in the world is needed.
+    From the frame inward, rho, velocity, omega, acceleration and alpha describe the frame relative to the
+    current body, in the body's axes; each joint adds its contribution. No orientation in the world is needed.
     """
     body, _, rho = state.tree.anchor(frame)
     velocity, omega, acceleration, alpha = ZERO, ZERO, ZERO, ZERO

@@ -1,4 +1,4 @@
-"""The fast solver: the compiled search over a kernel made for the tasks at hand."""
+"""The fast solver: compiled search with a kernel made for the tasks."""
 
 from __future__ import annotations
 

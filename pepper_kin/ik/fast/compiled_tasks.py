@@ -1,4 +1,4 @@
-"""Tasks as the compiled search takes them: a kernel and tables, made once for each robot and set of tasks."""
+"""Kernel and tables of the compiled search, made once for each robot and set of tasks."""
 
 from __future__ import annotations
 
@@ -29,23 +29,23 @@ _KERNEL = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64, ctypes.c_int64)
 
 
 class SearchBuffers:
-    """Arrays for one search at a time.
+    """Arrays of one search at a time.
 
     Args:
         width: Length of a row of input.
         n: Number of joints.
         tasks: Number of tasks t.
-        signals: See `interrupt_table`.
+        signals: Table of signals, see `interrupt_table`.
 
     Attributes:
         inputs: Input of `solve_rows`, shape (1, width).
-        answers: Its output, shape (1, n + t + EXTRA).
-        row: The row of `inputs`, shape (width,).
-        start: q0 in it, shape (n,).
-        q: The solution in `answers`, shape (n,).
-        outcome: The numbers behind it, see `EXTRA`, shape (EXTRA,).
+        answers: Output of `solve_rows`, shape (1, n + t + EXTRA).
+        row: View of the row of `inputs`, shape (width,).
+        start: View of q0 in `row`, shape (n,) [rad or m].
+        q: View of the solution in `answers`, shape (n,) [rad or m].
+        outcome: View of the last numbers of `answers`, see `EXTRA`, shape (EXTRA,).
         tolerance: Squared tolerances, shape (t,).
-        signals: See `interrupt_table`.
+        signals: Table of signals, see `interrupt_table`.
     """
 
     def __init__(self, width: int, n: int, tasks: int, signals: np.ndarray) -> None:
@@ -57,7 +57,7 @@ class SearchBuffers:
         self._options: SearchOptions | None = None
 
     def options(self, budget: SearchBudget, stop_when_met: bool, dimension: int) -> SearchOptions:
-        """Return the options of a search; those of the last one where nothing has changed."""
+        """Return the options of a search, cached for repeated arguments."""
         deadline = on_perf_counter(budget.deadline)
         key = (budget._replace(deadline=deadline), stop_when_met, dimension)
         if key != self._key or self._options is None:
@@ -72,15 +72,16 @@ class SearchBuffers:
 
 @dataclass(frozen=True, eq=False)
 class CompiledTasks:
-    """Machine code and tables for tasks of one structure on one robot.
+    """Machine code and tables of tasks of one structure on one robot.
 
     Attributes:
-        tables: As `solve_rows` takes them.
-        index: Places of the joints that move a task, shape (k,).
-        bounds: Lower and upper limits of `tables.joints`, and 1 for each: all may move, shape (3, n).
-        target_places: Where each task's target lies in a row of input; None for tasks in Python.
+        tables: Tables of `solve_rows`.
+        index: Indices of the joints on which a task depends, shape (k,).
+        bounds: Rows of lower limits, upper limits [rad or m] and ones (all may move) of `tables.joints`,
+            shape (3, n).
+        target_places: Slice of each task's target in a row of input; None for tasks in Python.
         width: Length of a row of input.
-        python: The tasks in Python, where there is no machine code for them.
+        python: Tasks evaluated in Python; None for tasks with machine code.
         spare: Buffers that no search uses.
     """
 
@@ -94,7 +95,7 @@ class CompiledTasks:
     spare: list[SearchBuffers] = field(default_factory=list)
 
     def buffers(self) -> SearchBuffers:
-        """Return buffers to use; append them to `spare` afterwards."""
+        """Return buffers for a search, to be appended to `spare` afterwards."""
         try:
             return self.spare.pop()
         except IndexError:
@@ -102,16 +103,16 @@ class CompiledTasks:
             return SearchBuffers(self.width, self.tables.effort.size, len(self.target_places), signals)
 
     def check(self, buffers: SearchBuffers) -> None:
-        """Raise what a signal, or a task in Python, has raised during a search."""
+        """Raise the error of a signal handler or of a task in Python during a search."""
         raise_interrupt(buffers.signals)
         if self.python is not None:
             self.python.check()
 
     def bounds_of(self, movable: np.ndarray | None) -> Array:
-        """Return the bounds, shape (3, n), where only some joints may move.
+        """Return the bounds, shape (3, n), if only some joints may move.
 
         Args:
-            movable: Which joints may move, shape (n,); None for all.
+            movable: Whether each joint may move, shape (n,); None for all.
         """
         if movable is None:
             return self.bounds
@@ -123,12 +124,12 @@ class CompiledTasks:
         """Write weights and targets into a row of input, and the squared tolerances.
 
         Args:
-            tasks: Tasks of this structure, one target each.
-            row: Row of input to write to, shape (width,): q, w_i^2 and the targets, one after the other.
+            tasks: Tasks of the compiled structure, with one target each.
+            row: Row of input to write to, shape (width,): q, w_i^2 and the concatenated targets.
             tolerance: Squared tolerances to write to, shape (t,) [m^2 or rad^2].
 
         Returns:
-            Whether all tolerances are finite, so that the search may end once all tasks are well met.
+            Whether all tolerances are finite, so that the search may end if all tasks are well met.
         """
         n, finite = self.tables.effort.size, True
         for k, (task, targets) in enumerate(zip(tasks, self.target_places, strict=True)):
@@ -142,19 +143,18 @@ class CompiledTasks:
 
 
 class PythonTasks:
-    """Tasks of a user's own classes: machine code calls the address of their kernel, which runs Python.
+    """User-defined tasks: machine code calls the address of a kernel that runs Python.
 
-    What they raise ends the search and is raised by `check`; so is what the handler of a signal raises
-    meanwhile.
+    An error of a task or of a signal handler ends the search and is raised by `check`.
 
     Args:
         pepper: The robot.
         tasks: The tasks.
-        index: Places of the joints to differentiate by, shape (k,).
+        index: Indices of the joints of the gradient, shape (k,).
 
     Attributes:
-        address: Of a C function like that of `task_function`; valid while this object lives.
-        signals: Set to stop when a task raises.
+        address: Address of a C function with the interface of `task_function`, valid while this object lives.
+        signals: Table of signals, which is set to stop if a task raises.
     """
 
     def __init__(self, pepper: PepperModel, tasks: Sequence[Task], index: np.ndarray) -> None:
@@ -162,20 +162,20 @@ class PythonTasks:
         self._upper = np.triu_indices(index.size)
         self._raised: BaseException | None = None
         self.signals = interrupt_table()
-        # Python runs handlers of signals as a function begins, where nothing in it catches what they raise,
-        # and as a generator goes on, where it can.  `max` sends it the three arguments one after the other.
+        # Python runs signal handlers when a function begins, where the function cannot catch their errors,
+        # and when a generator resumes, where it can. `max` sends the generator the three arguments in turn.
         answers = self._answers()
         next(answers)
         self._function = _KERNEL(partial(max, key=answers.send))
         self.address = int(ctypes.cast(self._function, ctypes.c_void_p).value or 0)
 
     def check(self) -> None:
-        """Raise what a task has raised; nothing is evaluated after that."""
+        """Raise the error of a task; after an error no task is evaluated."""
         if self._raised is not None:
             raise self._raised
 
     def _answers(self) -> Generator[int, int, None]:
-        """Take the arguments of the kernel, call after call, and write its results."""
+        """Receive the arguments of each call of the kernel and write its results."""
         n, k = self._pepper.n, self._index.size
         size = _answer_size(len(self._tasks), k)
         try:
@@ -187,27 +187,27 @@ class PythonTasks:
             return
         except BaseException as error:  # an exception cannot pass through machine code
             self._raised, self.signals[STOPPED] = error, 1
-        while True:  # nothing is written from now on: the search sees that it is to stop
+        while True:  # write nothing more: the search sees the signal to stop
             try:
                 yield 0
             except GeneratorExit:
                 return
-            except BaseException:  # a second signal: the first one is enough
+            except BaseException:  # ignore further signals
                 continue
 
     def _values(self, q: Array) -> Array:
-        """Return errors, cost, gradient and the matrix's upper triangle as one vector.
+        """Return squared errors, cost, gradient and the matrix's upper triangle as one vector.
 
-        They are those of `pepper_kin.ik.fast.expression.task_function`, for t tasks that k joints move.
+        They are defined in `pepper_kin.ik.fast.expression.task_function`, for t tasks and k joints.
 
         Args:
             q: Joint positions [rad or m], shape (n,).
 
         Returns:
-            Shape (t + 1 + k + k (k + 1) / 2,).
+            The vector, shape (t + 1 + k + k (k + 1) / 2,).
 
         Raises:
-            InvalidValueError: where a residual, Jacobian or error of a task is not finite.
+            InvalidValueError: for a residual, Jacobian or error of a task that is not finite.
         """
         pepper, residuals, slopes, errors = self._pepper, [], [], []
         for task in self._tasks:
@@ -225,11 +225,11 @@ class PythonTasks:
 
 
 ROUNDING, RELATIVE_ROUNDING = 1e-13, 1e-9
-"""By how much two computations of the same error differ at most [m or rad], and as a part of a tolerance."""
+"""Maximum difference of two computations of an error: absolute [m or rad], and relative to a tolerance."""
 
 
 def _answer_size(tasks: int, joints: int) -> int:
-    """Return the length of what a kernel of tasks writes, as `make_workspace` allocates it."""
+    """Return the length of a kernel's output, which `make_workspace` allocates."""
     return tasks + 1 + joints + joints * (joints + 1) // 2
 
 
@@ -240,16 +240,16 @@ SOURCES = tuple(
         "dynamics.support_polygon", "kinematics.frames", "kinematics.jacobian",
     )
 )  # fmt: skip
-"""Packages and modules on which the kernels depend; joints of a center of mass are found by numbers."""
+"""Packages and modules on which the kernels depend, also for the joints found numerically."""
 
 _kept: RobotMemory[tuple[TaskStructure, ...], CompiledTasks] = RobotMemory()
 _lock = threading.Lock()
 
 
 def compiled_tasks(pepper: PepperModel, tasks: Sequence[Task]) -> CompiledTasks:
-    """Return tasks of a robot ready for the search; the first time, compile them or read them from disk.
+    """Return compiled tasks of a robot; the first call compiles them or reads them from disk.
 
-    Tasks of classes without machine code are evaluated in Python, and prepared again each time.
+    Tasks of classes without machine code are evaluated in Python, and prepared at each call.
     """
     structures = known_structures(tasks)
     if structures is None:
@@ -266,6 +266,7 @@ def compiled_tasks(pepper: PepperModel, tasks: Sequence[Task]) -> CompiledTasks:
 
 
 def _with_machine_code(pepper: PepperModel, tasks: tuple[TaskStructure, ...]) -> CompiledTasks:
+    """Compile the kernel of tasks, or read it from disk, and return it with its tables."""
     index = used_joints(pepper, tasks)
 
     def step() -> Any:
@@ -286,15 +287,15 @@ def _compiled(
     made: Kernel | None = None,
     python: PythonTasks | None = None,
 ) -> CompiledTasks:
-    """Return the tables of tasks from their kernel, or from Python.
+    """Return the tables of tasks with a kernel or in Python.
 
     Args:
         pepper: The robot.
-        index: Indices of the joints that move a task, ascending, shape (k,).
+        index: Indices of the joints on which a task depends, ascending, shape (k,).
         target_sizes: Length of each task's target in a row of input; None for a task in Python.
         address: Address of the kernel of tasks in Python; not used with `made`.
-        made: The kernel of tasks with machine code.
-        python: The tasks in Python, where there is no machine code for them.
+        made: Kernel of tasks with machine code, or None.
+        python: Tasks evaluated in Python, or None.
     """
     gravity = kernel(pepper, "gravity_torque")
     places: list[slice | None] = []
@@ -319,7 +320,8 @@ def _compiled(
         work_size=work,
         task_joints=index.size,
         joints=joints,
-        # By its kernel, which drops an axis of length 1: a first answer does not wait for Pinocchio to load.
+        # The kernel, which drops an axis of length 1, is used so that a first answer does not wait for
+        # Pinocchio.
         scale=scale_of(np.reshape(kernel(pepper, "mass_matrix")(pepper.neutral()), (n, n)))[joints] ** 2,
         effort=np.where(limited, 1.0 / np.where(limited, share * pepper.effort_limits, 1.0), 0.0),
     )
@@ -335,10 +337,9 @@ def _compiled(
 
 
 def squared_tolerance(allowed: float) -> float:
-    """Return the square of a tolerance as machine code compares with it.
+    """Return the squared tolerance for machine code, smaller by more than rounding errors.
 
-    It is smaller by more than rounding: errors that are computed again, by another code, are within the
-    tolerance too.
+    Errors that other code computes again are then within the tolerance, too.
     """
     if allowed == np.inf:
         return np.inf
@@ -347,32 +348,32 @@ def squared_tolerance(allowed: float) -> float:
 
 
 def used_joints(pepper: PepperModel, tasks: Sequence[TaskStructure]) -> np.ndarray:
-    """Return the places of the joints that move any task, ascending."""
+    """Return the indices of the joints on which any task depends, ascending, shape (k,)."""
     used = np.any([task.kind.moved_by(pepper, task) for task in tasks], axis=0)
     return np.flatnonzero(used).astype(np.int64)
 
 
 @lru_cache(maxsize=64)
 def unit_points(dimension: int, total: int, seed: int) -> tuple[Array, Array]:
-    """Return x_0 and alpha of the points that restarts are made from, see `SearchOptions`, shape (total,).
+    """Return x_0 and alpha of the points for restarts, see `SearchOptions`, shape (total,) each.
 
     Args:
-        dimension: k: the first k numbers are those of points of the k-dimensional unit cube.
-        total: n >= k; the further numbers are as of n dimensions.
-        seed: Draws x_0.
+        dimension: k; the first k numbers make points of the k-dimensional unit cube.
+        total: n >= k; the further numbers are for n dimensions.
+        seed: Seed of x_0.
     """
     return read_only(np.random.default_rng(seed).random(total)), _advance(dimension, total)
 
 
 @lru_cache(maxsize=64)
 def _advance(dimension: int, total: int) -> Array:
-    """Return alpha of `unit_points`."""
+    """Return alpha of `unit_points`, shape (total,)."""
     whole, part = (_golden_ratio(m) ** -(1.0 + np.arange(m)) for m in (total, dimension))
     return read_only(np.concatenate([part, whole[dimension:]]))
 
 
 def _golden_ratio(dimension: int) -> float:
-    """Return the real root phi of phi^(m+1) = phi + 1."""
+    """Return the real root phi of phi^(m+1) = phi + 1, with m the dimension."""
     ratio = 2.0
     for _ in range(60):
         ratio = (1.0 + ratio) ** (1.0 / (dimension + 1))

@@ -1,4 +1,4 @@
-"""The tasks of one structure as an expression: errors, cost, gradient and Gauss-Newton matrix."""
+"""CasADi function of tasks: errors, cost, gradient and Gauss-Newton matrix."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ if TYPE_CHECKING:
 
 
 def task_function(pepper: PepperModel, tasks: Sequence[TaskStructure], index: np.ndarray) -> casadi.Function:
-    """Return the function (q, weights, targets) -> what one step of a local search needs.
+    """Return the function (q, weights, targets) -> errors, cost, gradient and matrix of a step.
 
-    With r_i the residual of task i, J_i its derivative by the joints of `index`, and s_i^2 its weight w_i^2,
-    times HARD_WEIGHT^2 where it is hard,
+    With r_i the residual of task i, J_i its Jacobian by the joints of `index`, and s_i^2 the weight w_i^2,
+    times HARD_WEIGHT^2 for a hard task,
 
         errors_i = |r_i|^2,   cost = sum_i s_i^2 |r_i|^2 / 2,
         gradient = sum_i s_i^2 J_i^T r_i,   matrix = sum_i s_i^2 J_i^T J_i (upper triangle, row by row).
 
-    The error of a task whose class says `largest` is the largest component, squared.
+    The error of a task with `largest` is its largest squared component.
 
     Args:
         pepper: The robot.
@@ -37,7 +37,7 @@ def task_function(pepper: PepperModel, tasks: Sequence[TaskStructure], index: np
         index: Indices of the joints to differentiate by, shape (k,).
 
     Returns:
-        Function of q (n), w^2 (number of tasks) and all targets one after the other; one output `step`.
+        Function of q (n), w^2 (number of tasks) and the concatenated targets, with one output.
     """
     import casadi
 
@@ -81,7 +81,7 @@ def residuals(
         pepper: The robot.
         tasks: Structures of the tasks.
         q: Symbols, shape (n,).
-        targets: Numbers of all targets, one after the other.
+        targets: Symbols of the concatenated targets.
     """
     motion, found, place = _motion(pepper, tasks, q), [], 0
     for task in tasks:
@@ -92,7 +92,7 @@ def residuals(
 
 
 def _motion(pepper: PepperModel, tasks: Sequence[TaskStructure], q: Any) -> TaskVariables:
-    """Return all that the tasks' residuals are written in."""
+    """Return the variables of the tasks' residuals."""
     named = [name for task in tasks for name in (task.frame, task.reference) if name]
     frames = tuple(dict.fromkeys(named))
     outputs = _frames_function(pepper, frames)(q) if frames else ()
@@ -101,7 +101,7 @@ def _motion(pepper: PepperModel, tasks: Sequence[TaskStructure], q: Any) -> Task
 
 
 def _frames_function(pepper: PepperModel, frames: tuple[str, ...]) -> casadi.Function:
-    """Return q -> (pose, Jacobian) of each frame, all written on one graph so that they share operations."""
+    """Return q -> (pose, Jacobian) of each frame, on one graph so that frames share operations."""
     tree = read_tree(pepper, compact=True)
     graph, inputs = new_inputs(tree, "q")
     state = make_state(tree, inputs["q"])
@@ -113,6 +113,7 @@ def _frames_function(pepper: PepperModel, frames: tuple[str, ...]) -> casadi.Fun
 
 
 def _largest_square(residual: Any) -> Any:
+    """Return the largest squared component of a residual."""
     import casadi
 
     largest = residual[0] ** 2

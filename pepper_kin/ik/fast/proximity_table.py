@@ -1,4 +1,4 @@
-"""The surroundings of a robot in a scene, as the table that `core.inverse_kinematics.proximity` reads."""
+"""Table of a robot's surroundings for `core.inverse_kinematics.proximity`."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from pepper_kin.core.inverse_kinematics.proximity import ProximityTable
 from pepper_kin.kernels.tables import TableMemory
 
 LEVER = 0.3
-"""Meters that count as a radian where joints leave a dependent range."""
+"""Length that counts as one radian where joints leave a dependent range [m/rad]."""
 
 
 def proximity_memory(checker: CollisionChecker, apart: float, most: int = MOST_NEAR) -> TableMemory:
-    """Return the memory of a robot in a scene, for one thread.
+    """Return the proximity table of a robot in a scene, for one thread.
 
     Args:
-        checker: The robot and scene, with the margin to it.
-        apart: How far bodies shall stay apart beyond margins [m].
-        most: Number of pairs that are found at most.
+        checker: The robot and the scene, with its margin.
+        apart: Distance that bodies shall keep in addition to margins [m].
+        most: Maximum number of pairs.
     """
     pepper, near = checker.pepper, movable(near_table(checker))
     to_world = (near.pairs[:, :2] >= len(structure_of(checker).solids)).any(axis=1)

@@ -1,4 +1,4 @@
-"""The compiled search as Python sees it."""
+"""Python interface of the compiled search."""
 
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ STATUSES = (
     IKStatus.TIMED_OUT,
     IKStatus.TIMED_OUT,
 )
-"""By the number that the compiled search writes."""
+"""Status of each number that the compiled search writes."""
 
 
 def _finish(
     tables: TaskTables, bounds: Array, options: SearchOptions, tests: CollisionTests, inputs: Array,
     answers: Array, begin: int, end: int,
 ) -> None:  # fmt: skip
-    """Go on with the rows that `solve_rows` has left; loading the code for it is not searching."""
+    """Continue the rows that `solve_rows` has left; loading the code does not count as searching time."""
     before = on_perf_counter(0.0)
     with not_counted():
         finish = finish_rows.native
@@ -66,13 +66,13 @@ def search_compiled(
     Args:
         pepper: The robot.
         tasks: The tasks.
-        q0: The start, within the limits, shape (n,).
+        q0: Start within the limits, shape (n,) [rad or m].
         movable: Joints that may move, shape (n,); None for all.
-        budget: How much to search.
-        collisions: What may not touch; None for nothing.
+        budget: Limits of the search.
+        collisions: Collision checks and loads; None for none.
 
     Raises:
-        Exception: what a task in Python, or the handler of a signal, has raised.
+        Exception: the error of a task in Python or of a signal handler.
     """
     ready = compiled_tasks(pepper, tasks)
     buffers = ready.buffers()
@@ -101,7 +101,7 @@ def search_compiled(
 
 
 class FastSolver(TaskSolver):
-    """The compiled search, for one problem.
+    """Compiled search for one problem.
 
     Args:
         problem: The problem.
@@ -111,17 +111,17 @@ class FastSolver(TaskSolver):
         self._problem = problem
 
     def search(self, collisions: Collisions, budget: SearchBudget) -> SearchResult:
-        """Return the outcome of a search from q0 and further starts."""
+        """Return the result of a search from q0 and further starts."""
         problem = self._problem
         return search_compiled(problem.pepper, problem.tasks, problem.q0, problem.movable, budget, collisions)
 
     def descend(self, start: Array, collisions: Collisions, budget: SearchBudget, *, clear: bool) -> Array:
-        """Return the joint positions where a local search ends, shape (n,) [rad or m].
+        """Return the end of a local search, shape (n,) [rad or m].
 
         Args:
-            start: Where it starts [rad or m], shape (n,); it is first moved into the bounds.
-            collisions: What may not touch.
-            budget: Its steps and deadline count.
+            start: Start [rad or m], shape (n,), which is first moved into the bounds.
+            collisions: Collision checks.
+            budget: Number of steps and deadline.
             clear: Whether to keep clear of collisions; the start has to be free.
         """
         problem = self._problem
@@ -141,19 +141,20 @@ class FastSolver(TaskSolver):
 
 
 class BatchSearch:
-    """Many sets of targets, solved piece by piece on any thread.
+    """Search for many sets of targets, in parts on any thread.
 
     Args:
         pepper: The robot.
-        tasks: The tasks, with machine code; some have N targets.
-        starts: q0 of each row, within the limits, shape (N, n).
+        tasks: Tasks with machine code, some of which have N targets.
+        starts: Starts q0 of each row within the limits, shape (N, n) [rad or m].
         movable: Joints that may move, shape (n,); None for all.
-        budget: How much to search for each row.
-        around: What may not touch, and what is carried; None for nothing.
-        hopeless: Rows that no posture solves, which one descent is enough for, shape (N,); None for none.
+        budget: Limits of the search of each row.
+        around: Collision checks and loads; None for none.
+        hopeless: Whether each row is proven unsolvable, so that one descent is enough, shape (N,); None for
+            no such row.
 
     Attributes:
-        statuses: The status of each number that `answers` gives.
+        statuses: Status of each number that `answers` returns.
     """
 
     def __init__(
@@ -182,7 +183,7 @@ class BatchSearch:
         finite = all(task.tolerance < math.inf for task in tasks)
         options = buffers.options(budget, finite, ready.tables.task_joints)
         self._answers = np.empty((len(starts), n + t + EXTRA))
-        # Hopeless rows are kept behind the others, so that each kind is searched in one call.
+        # Hopeless rows are sorted behind the others, so that each kind is searched in one call.
         self._order = np.arange(len(starts)) if hopeless is None else np.argsort(hopeless, kind="stable")
         self._hopeful = len(starts) if hopeless is None else int(np.sum(~hopeless))
         if hopeless is not None:
@@ -192,12 +193,12 @@ class BatchSearch:
         self._around = Collisions(pepper, None, loads=()) if around is None else around
 
     def solve(self, begin: int, end: int) -> None:
-        """Solve some rows; the interpreter is free for other threads meanwhile.
+        """Solve the rows from `begin` to `end`; the interpreter is free for other threads meanwhile.
 
         Raises:
-            KeyboardInterrupt: after Ctrl-C, or whatever else the handler of a signal has raised.
+            KeyboardInterrupt: after Ctrl-C, or another error of a signal handler.
         """
-        collisions = self._around.again()  # blocks of memory of this thread
+        collisions = self._around.again()  # a copy with memory of this thread
         tests = collisions.tests(self._buffers.signals)
         tables, bounds, options = self._fixed
         tables = tables._replace(gravity=collisions.holding(tables.gravity, self._buffers.signals))
@@ -221,7 +222,7 @@ class BatchSearch:
                 collisions.check()
 
     def answers(self) -> tuple[Array, np.ndarray, Array, np.ndarray, np.ndarray]:
-        """Return q, status numbers, errors, iterations and restarts of all rows."""
+        """Return q [rad or m], status numbers, errors [m or rad], iterations and restarts of all rows."""
         n, t = self._sizes
         answers = np.empty_like(self._answers)
         answers[self._order] = self._answers
@@ -241,20 +242,20 @@ def alternatives(
     *,
     around: Collisions | None = None,
 ) -> list[Array]:
-    """Return solutions that `count` starts lead to, those nearest to q0 first.
+    """Return the solutions found from `count` starts, the nearest to q0 first.
 
-    The starts lie ever farther from q0 on the way to points that fill the joint box evenly.  With `around`,
-    solutions that touch something are moved clear, or left out.
+    The starts are ever farther from q0, on the way to points that fill the joint box evenly. With `around`,
+    solutions in collision are moved clear or left out.
 
     Args:
         pepper: The robot.
         tasks: The tasks, one target each.
-        q0: Joint positions that solutions are to be near to [rad or m], shape (n,).
+        q0: Joint positions to which solutions shall be near [rad or m], shape (n,).
         movable: Joints that may move, shape (n,); None for all.
-        seed: Draws the starts.
+        seed: Seed of the starts.
         count: Number of starts.
-        max_iterations: Steps from each start.
-        around: What may not touch, and what is carried; None for nothing.
+        max_iterations: Maximum number of steps from each start.
+        around: Collision checks and loads; None for none.
 
     Returns:
         Joint positions [rad or m], shape (n,) each.
@@ -283,19 +284,19 @@ def solutions_from(
     *,
     around: Collisions | None = None,
 ) -> list[Array]:
-    """Return solutions that given starts lead to, those nearest to q0 first.
+    """Return the solutions found from given starts, the nearest to q0 first.
 
-    Joints that no task depends on stay where a start has them; how far they move counts unweighted.  With
-    `around`, solutions that touch something are moved clear, or left out.
+    Joints that no task depends on keep the start's positions; their distance from q0 counts unweighted. With
+    `around`, solutions in collision are moved clear or left out.
 
     Args:
         pepper: The robot.
         tasks: The tasks, one target each.
-        q0: Joint positions that solutions are to be near to [rad or m], shape (n,).
+        q0: Joint positions to which solutions shall be near [rad or m], shape (n,).
         movable: Joints that may move, shape (n,); None for all.
-        starts: Where the searches start [rad or m], shape (m, n).
-        max_iterations: Steps from each start.
-        around: What may not touch, and what is carried; None for nothing.
+        starts: Joint positions of the starts [rad or m], shape (m, n).
+        max_iterations: Maximum number of steps from each start.
+        around: Collision checks and loads; None for none.
 
     Returns:
         Joint positions [rad or m], shape (n,) each.

@@ -1,4 +1,4 @@
-"""Residuals of tasks and their Jacobians for many configurations at once, by machine code."""
+"""Residuals and Jacobians of tasks at many configurations, by machine code."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ _kept: RobotMemory[tuple[TaskStructure, ...], Kernel] = RobotMemory()
 
 
 class TaskRows:
-    """Residuals r of tasks with K targets each, or one for all, at K configurations, times a factor each.
+    """Residuals of tasks with K targets, or one for all, at K configurations, times a factor for each task.
 
     Args:
         pepper: The robot.
-        tasks: The tasks, groups taken apart; those without machine code are evaluated in Python.
+        tasks: The tasks, groups split into their parts; tasks without machine code are evaluated in Python.
         count: K.
-        factors: On each task's residual.
-        allowed: Residuals that count as zero, shape (K, m); None for none.
+        factors: Factor on each task's residual.
+        allowed: Offsets subtracted from the residuals, shape (K, m); None for none.
 
     Attributes:
-        lengths: Which components of the residuals are in meters, shape (m,).
+        lengths: Whether each component of the residuals is in meters, shape (m,).
     """
 
     def __init__(
@@ -74,6 +74,7 @@ class TaskRows:
         )
 
     def _rows(self, q: Array) -> tuple[Array, Array]:
+        """Return residuals, shape (K, m), and Jacobians, shape (K, m, n), without factors, at q."""
         if self._kernel is not None:
             residual, jacobian = self._kernel(q, self._targets)
             return np.asarray(residual, float) - self._allowed, np.asarray(jacobian, float)
@@ -84,6 +85,7 @@ class TaskRows:
 
 
 def _kernel_of(pepper: PepperModel, structures: tuple[TaskStructure, ...]) -> Kernel:
+    """Return the kernel of tasks' residuals and Jacobians, cached for the robot."""
     known = _kept.of(pepper)
     found = known.get(structures)
     if found is None:

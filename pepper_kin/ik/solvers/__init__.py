@@ -1,4 +1,4 @@
-"""Solvers: the compiled one, and two of other libraries as references."""
+"""Solvers: the compiled one, and two of other libraries for reference."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ __all__ = ["ALL_SOLVERS", "SOLVERS", "TaskSolver", "chosen_solver", "make_solver
 
 
 def chosen_solver(pepper: PepperModel, solver: str) -> str:
-    """Return a solver's name, that of the robot's `solvers` for "robot".
+    """Return the name of a solver; "robot" stands for the robot's `solvers`.
 
-    Of the field's, placo where it is installed and can follow the robot's mimic joints, else proxsuite.
+    For "reference" it is placo if it is installed and supports the robot's mimic joints, else proxsuite.
 
     Raises:
-        InvalidValueError: for an unknown name, listing those there are.
+        InvalidValueError: for an unknown name, listing the known ones.
     """
     if check_choice("solver", solver, ("robot", *ALL_SOLVERS)) != "robot":
         return solver
@@ -32,17 +32,17 @@ def chosen_solver(pepper: PepperModel, solver: str) -> str:
 
 
 def make_solver(name: str, problem: TaskProblem) -> TaskSolver:
-    """Return the solver of a name, made for a problem.
+    """Return a solver by name, made for a problem.
 
     Args:
         name: One of `ALL_SOLVERS`, checked by the caller.
         problem: The problem.
 
     Raises:
-        InvalidValueError: where the solver cannot take the robot; names one that can.
+        InvalidValueError: if the solver does not support the robot, naming one that does.
     """
     if name == "fast":
         return FastSolver(problem)
-    from pepper_kin.ik.solvers.reference import ReferenceSolver  # few need it
+    from pepper_kin.ik.solvers.reference import ReferenceSolver  # imported late, since it is rarely used
 
     return ReferenceSolver(name, problem)

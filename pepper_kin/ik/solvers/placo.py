@@ -24,23 +24,23 @@ from pepper_kin.kernels.working_time import not_counted
 from pepper_kin.model import PepperModel, RobotMemory
 from pepper_kin.model.plain_urdf import plain_urdf
 
-# placo's robots float: seven coordinates and six velocities of the base come first, and stay where they are.
+# placo's robots have a floating base: its seven coordinates and six velocities come first, and are fixed.
 BASE_POSITION = 7
 BASE_VELOCITY = 6
 HOME = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
-# placo reads bounds as finite numbers.
+# Position limit that stands for none [rad or m]: placo needs finite bounds.
 UNBOUNDED = 1e6
 
 _robots: RobotMemory[str, threading.local] = RobotMemory()
 
 
 class PlacoSolver(StepSolver):
-    """Hands the tasks to `placo.KinematicsSolver` and takes its step.
+    """Solver of steps by `placo.KinematicsSolver`.
 
-    Positions, orientations, in the world or from another frame, the center of mass and postures are placo's
-    own tasks, mimic joints its gears.  The others enter as pairs of soft joint-space half-spaces, J dq + r
-    <= 0 and >= 0, whose penalties add up to |J dq + r|^2: placo's axis task leaves out how a camera's
+    Positions, orientations (in the world or relative to another frame), the center of mass and postures are
+    placo's own tasks, mimic joints its gears. Other tasks enter as pairs of soft joint-space half-spaces, J
+    dq + r <= 0 and >= 0, whose penalties add up to |J dq + r|^2: placo's axis task leaves out how a camera's
     motion shifts the direction to a point.
 
     Rhoban, PlaCo: rigid body planning and control (software).
@@ -49,8 +49,8 @@ class PlacoSolver(StepSolver):
         problem: The problem.
 
     Raises:
-        InvalidValueError: for a robot with mimic joints that placo cannot follow.
-        MissingDependencyError: where placo is not installed.
+        InvalidValueError: for a robot with mimic joints that placo does not support.
+        MissingDependencyError: if placo is not installed.
     """
 
     def __init__(self, problem: TaskProblem) -> None:
@@ -104,9 +104,9 @@ class PlacoSolver(StepSolver):
         return np.clip(step, -STEP_BOUND, STEP_BOUND) if np.isfinite(step).all() else None
 
     def _enter(self, q: Array) -> None:
-        """Set the robot's state, q of shape (n,) [rad or m], and the box of this step.
+        """Set the robot's state to q, shape (n,) [rad or m], and its limits to the box of this step.
 
-        The robot is shared by all solvers of a thread.
+        All solvers of a thread share the robot.
         """
         problem, model = self._problem, self._robot.model
         self._robot.state.q = np.concatenate([HOME, problem.pepper.to_full(q)])
@@ -129,7 +129,7 @@ class PlacoSolver(StepSolver):
         return constraint
 
     def _add(self, place: int, task: Task) -> None:
-        """Add placo's own task where it has one; classes of a user's own count as none."""
+        """Add placo's own task if it has one, else half-spaces, as for a user's task class."""
         own = self._own_task(task) if task.structure() is not None else None
         if own is not None:
             own.configure(f"{task.label} {place}", "soft", task.strength**2)
@@ -139,6 +139,7 @@ class PlacoSolver(StepSolver):
         self._linearized.append((place, task, pair))
 
     def _own_task(self, task: Task) -> Any:
+        """Return a new task of placo's for a task of this library, or None."""
         pepper, solver = self._problem.pepper, self._solver
         match task:
             case FramePosition():
@@ -161,7 +162,7 @@ class PlacoSolver(StepSolver):
         return None
 
     def _pair(self, q: Array, weight: float, residual: Array, jacobian: Array) -> tuple[Array, Array]:
-        """Return A and b of A (q + dq) <= b that stand for w (J dq + r) = 0.
+        """Return A and b of the inequalities A (q + dq) <= b that stand for w (J dq + r) = 0.
 
         Args:
             q: Joint positions [rad or m], shape (n,).
@@ -178,6 +179,7 @@ class PlacoSolver(StepSolver):
         return np.vstack([rows, -rows]), np.concatenate([right, -right])
 
     def _lock_and_couple(self) -> None:
+        """Fix joints that may not move, and couple mimic joints to their leaders by gears."""
         pepper = self._problem.pepper
         gears = None
         for row, name in enumerate(_full_names(self._robot)):
@@ -203,11 +205,11 @@ def _placo() -> Any:
 
 
 def robot_of(pepper: PepperModel) -> Any:
-    """Return placo's robot for a model, built once per thread and kept while the model lives.
+    """Return placo's robot for a model, built once per thread and cached while the model lives.
 
     Raises:
-        ModelError: where placo reads another tree.
-        InvalidValueError: where a mimic joint has an offset, which placo's gears lack.
+        ModelError: if placo orders the joints differently.
+        InvalidValueError: for mimic joints with an offset, which placo's gears lack.
     """
     placo = _placo()
     local = _robots.of(pepper).setdefault("", threading.local())
@@ -229,7 +231,7 @@ def robot_of(pepper: PepperModel) -> Any:
 
 
 def _change(model: Any, changed: Any) -> None:
-    """Bring what another model of a robot changes to placo's, which begins with a floating base."""
+    """Copy inertias, placements and gravity of a changed model to placo's, which has a floating base."""
     for joint, inertia in enumerate(changed.inertias):
         model.inertias[joint + 1] = inertia
         if joint > 0:
@@ -241,11 +243,11 @@ def _change(model: Any, changed: Any) -> None:
 
 
 def _full_names(robot: Any) -> list[str]:
-    """Return placo's joints without the world and the floating base."""
+    """Return the names of placo's joints without the world and the floating base."""
     return list(robot.model.names)[2:]
 
 
 def _full_rows(pepper: PepperModel) -> np.ndarray:
-    """Return the place of each joint among all joints, mimic ones included, shape (n,)."""
+    """Return the index of each joint among all joints, mimic joints included, shape (n,)."""
     full = list(pepper.inner_model.names)[1:]
     return np.array([full.index(name) for name in pepper.joint_names])

@@ -17,16 +17,16 @@ ACCURACY = 1e-9
 
 
 class ProxsuiteSolver(StepSolver):
-    """Builds the program from the tasks' own Jacobians and solves it with ProxQP, started warm.
+    """Solver of steps by ProxQP with warm start, on a program built from the tasks' Jacobians.
 
     Bambade et al., ProxQP: an efficient and versatile quadratic programming solver for real-time robotics
     applications and beyond (2023).
 
     Args:
-        problem: The problem; its joints that may not move are left out of the program.
+        problem: The problem; joints that may not move are left out of the program.
 
     Raises:
-        MissingDependencyError: where proxsuite cannot be loaded.
+        MissingDependencyError: if proxsuite cannot be loaded.
     """
 
     def __init__(self, problem: TaskProblem) -> None:
@@ -71,7 +71,7 @@ class ProxsuiteSolver(StepSolver):
             gradient: First derivative of the cost, shape (k,).
             lower: Lower bound of the change [rad or m], shape (k,).
             upper: Upper bound of the change [rad or m], shape (k,).
-            half_spaces: More inequalities, if any.
+            half_spaces: Further inequalities, or None.
 
         Returns:
             The change [rad or m], shape (k,); None where the program has no solution.
@@ -85,7 +85,7 @@ class ProxsuiteSolver(StepSolver):
         if program is None:
             program = library.dense.QP(self._index.size, 0, rows, True)
             program.settings.eps_abs = ACCURACY
-            # Started warm, small residuals alone do not show that the bounds which hold have been found.
+            # After a warm start, small residuals alone do not show that the active bounds are right.
             program.settings.check_duality_gap = True
             program.settings.eps_duality_gap_abs = ACCURACY
             program.settings.max_iter = 1000

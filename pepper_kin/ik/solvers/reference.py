@@ -1,4 +1,4 @@
-"""A plain multi-start search over the steps of another library: a reference for the compiled one."""
+"""Multi-start search with steps of another library, as a reference for the compiled search."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-8, 1e4
 SMALL_GAIN = 1e-6
 
 CUTS, NEAREST = 4, 1
-"""Half-spaces kept in one descent, and how many of them one configuration adds at most."""
+"""Maximum number of half-spaces kept in one descent, and added per configuration."""
 
 STARTS_WITHOUT_LIMITS, STEPS_WITHOUT_LIMITS = 3, 60
-"""Starts and steps for the question whether the joints without limits would reach the target."""
+"""Numbers of starts and steps of the search that asks whether limits alone block the target."""
 
 
 class Candidate(NamedTuple):
-    """A configuration, judged; the least is the best: free, then met, then held, then near.
+    """A configuration with its criteria in order of priority; the smallest tuple is the best.
 
     Attributes:
         touches: Whether anything touches.
         unmet: Whether a task is not met.
         overloaded: Whether the motors cannot hold it.
-        distance: From q0 where the tasks are met, else their cost.
+        distance: Weighted distance from q0 if the tasks are met, else their cost.
         q: Joint positions, shape (n,) [rad or m].
     """
 
@@ -49,10 +49,10 @@ class Candidate(NamedTuple):
 
 
 class ReferenceSolver(TaskSolver):
-    """Steps of another library's solver from q0 and a few further starts.
+    """Search with steps of another library's solver from q0 and further starts.
 
     Args:
-        name: The library's name, one of `SOLVERS`.
+        name: Name of the library, one of `SOLVERS`.
         problem: The problem.
     """
 
@@ -61,7 +61,7 @@ class ReferenceSolver(TaskSolver):
         self._stepper = make_step_solver(name, problem)
 
     def search(self, collisions: Collisions, budget: SearchBudget) -> SearchResult:
-        """Return the best of the descents' ends; where one ends in collision, another keeps clear."""
+        """Return the best end of descents; if one ends in collision, another keeps clear."""
         self._steps = restarts = 0
         best, met_in_collision = self._judged(self._problem.q0, collisions), False
         for number, start in enumerate(starts(self._problem, budget.seed, budget.restarts)):
@@ -79,9 +79,9 @@ class ReferenceSolver(TaskSolver):
         )
 
     def descend(self, start: Array, collisions: Collisions, budget: SearchBudget, *, clear: bool) -> Array:
-        """Return where damped steps from a start end, shape (n,) each [rad or m].
+        """Return the end of damped steps from a start, shape (n,) each [rad or m].
 
-        Each step lowers the cost, else the damping grows.
+        A step has to lower the cost; otherwise it is rejected and the damping grows.
         """
         problem, q, damping = self._problem, self._problem.clip(start), FIRST_DAMPING
         residuals = problem.residuals(q)
@@ -112,7 +112,7 @@ class ReferenceSolver(TaskSolver):
         return q
 
     def _judged(self, q: Array, collisions: Collisions) -> Candidate:
-        """Return the joint positions q, shape (n,) [rad or m], as a candidate."""
+        """Return joint positions q, shape (n,) [rad or m], as a candidate with its criteria."""
         problem = self._problem
         residuals = problem.residuals(q)
         met, free = problem.is_met(residuals), collisions.free(q)
@@ -121,7 +121,7 @@ class ReferenceSolver(TaskSolver):
         return Candidate(not free, not met, not held, motion if met else problem.task_cost(residuals), q)
 
     def _status(self, best: Candidate, met_in_collision: bool, budget: SearchBudget) -> IKStatus:
-        """Return how the search ended; LIMITS where the same joints would meet the tasks without limits."""
+        """Return the status of the search; CLOSEST_LIMITS if the tasks can be met without limits."""
         if not best.touches and not best.unmet:
             return IKStatus.SOLVED
         if working_time() > budget.deadline:
@@ -140,10 +140,10 @@ class ReferenceSolver(TaskSolver):
 
 
 def make_step_solver(name: str, problem: TaskProblem) -> StepSolver:
-    """Return what proposes the steps for a problem; the name is one of `SOLVERS`.
+    """Return the step solver of a problem by name, one of `SOLVERS`.
 
     Raises:
-        InvalidValueError: where the library cannot take the robot; names one that can.
+        InvalidValueError: if the library does not support the robot, naming one that does.
     """
     if name == "placo":
         return PlacoSolver(problem)
@@ -153,7 +153,7 @@ def make_step_solver(name: str, problem: TaskProblem) -> StepSolver:
 def starts(problem: TaskProblem, seed: int, count: int) -> Iterator[Array]:
     """Yield q0 and then `count` points of the joint box, the first ones nearer to q0, shape (n,) [rad or m].
 
-    The points are those of the compiled search; a joint without bounds starts within pi of q0.
+    The points are the compiled search's; a joint without bounds starts within pi of q0.
     """
     yield problem.q0
     index = np.flatnonzero(problem.movable)
@@ -169,10 +169,10 @@ def starts(problem: TaskProblem, seed: int, count: int) -> Iterator[Array]:
 
 
 def _half_spaces(cuts: deque[Array], q: Array) -> HalfSpaces | None:
-    """Return what a step from q has to keep; where a margin is used up, it may not shrink further.
+    """Return the inequalities of a step from q; a margin that is violated may not shrink further.
 
     Args:
-        cuts: g and b of half-spaces g . q' >= b, shape (n + 1,) each.
+        cuts: Half-spaces g . q' >= b as rows of g and b, shape (n + 1,) each.
         q: Joint positions [rad or m], shape (n,).
     """
     if not cuts:

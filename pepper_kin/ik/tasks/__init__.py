@@ -1,1 +1,1 @@
-"""Tasks of the inverse kinematics: what a configuration should fulfill."""
+"""Tasks of the inverse kinematics: objectives of a configuration."""

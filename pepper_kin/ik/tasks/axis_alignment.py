@@ -1,4 +1,4 @@
-"""Turn an axis of a frame into a direction."""
+"""Task that aligns an axis of a frame with a direction."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ from pepper_kin.ik.tasks.task import (
 from pepper_kin.kinematics import frame_jacobian, frame_pose
 from pepper_kin.model import PepperModel
 
-# The x axis: what is mostly aligned.
+# The x axis, the default axis.
 AHEAD = (1.0, 0.0, 0.0)
 _AHEAD = read_only(AHEAD)
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
 class AxisAlignment(TargetTask):
-    """An axis a of a frame points along a direction u of the world; the turn about it is left free.
+    """An axis a of a frame points along a direction u of the world; the rotation about it is free.
 
     r(q) = (theta / sin theta) B d with d = R^T u, see `direction_residual`; |r| = theta, the angle between
     them.  R' = [J_w q']x R gives dd/dq = R^T [u]x J_w.
 
     Attributes:
-        frame: A name of `pepper.frame_names`.
+        frame: Name of a frame, see `pepper.frame_names`.
         direction: u, unit vector in the world, shape (3,), read-only.
         axis: a, unit vector in the frame, shape (3,), read-only.
         basis: B, two directions across the axis in the frame, shape (2, 3), read-only.
@@ -69,7 +69,7 @@ class AxisAlignment(TargetTask):
         )  # fmt: skip
 
     def residual(self, pepper: PepperModel, q: Array) -> Array:
-        """Return the turn still to make [rad], shape (2,)."""
+        """Return the remaining rotation [rad], shape (2,)."""
         return self._turn(pepper, q)[0]
 
     def jacobian(self, pepper: PepperModel, q: Array) -> Array:
@@ -99,7 +99,7 @@ class AxisAlignment(TargetTask):
 
     @staticmethod
     def expression(task: TaskStructure, motion: TaskVariables, target: Any) -> tuple[Any, Any]:
-        """Return the turn still to make and dr/dd R^T [u]x J_w."""
+        """Return the remaining rotation and dr/dd R^T [u]x J_w."""
         pose, jacobian = motion.frames[task.frame]
         axis, turn = np.array(task.axis), pose[:, :3].T
         residual, slope = symbolic_angles.direction_residual(axis, sideways_basis(axis), turn @ target)
@@ -107,7 +107,7 @@ class AxisAlignment(TargetTask):
 
 
 def _units(vectors: ArrayLike, quantity: str) -> Array:
-    """Return a vector, shape (3,), or N of them, shape (N, 3), at unit length, read-only.
+    """Return a vector, shape (3,), or N vectors, shape (N, 3), normalized and read-only.
 
     Raises:
         InvalidValueError: for a wrong shape, NaN, infinity or a vector shorter than 1e-9.

@@ -1,4 +1,4 @@
-"""Bring the base to a place of the floor."""
+"""Tasks on position and yaw of a planar base."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class BaseTask(TargetTask):
         """Refuse a robot whose base does not move.
 
         Raises:
-            InvalidValueError: naming the joints that it lacks.
+            InvalidValueError: naming the joints that the robot lacks.
         """
         missing = [name for name in self.joints if name not in pepper.joint_names]
         if missing:
@@ -98,10 +98,10 @@ class BasePosition(BaseTask, PointTask):
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
 class BaseYaw(BaseTask):
-    """The base faces a direction: r(q) = BaseYaw - yaw, full turns left out, in [-pi, pi); error |r| [rad].
+    """The base faces a direction: r(q) = BaseYaw - yaw without full turns, in [-pi, pi); error |r| [rad].
 
     Attributes:
-        target: The yaw wanted [rad], shape (), read-only.
+        target: Target yaw [rad], shape (), read-only.
     """
 
     target: Array
@@ -123,12 +123,12 @@ class BaseYaw(BaseTask):
         super().__init__("base", weight=weight, tolerance=tolerance, hard=hard, subject=what, target=target)
 
     def residual(self, pepper: PepperModel, q: Array) -> Array:
-        """Return the turn from the yaw wanted, the short way round [rad], shape (1,)."""
+        """Return the shortest rotation from the target yaw [rad], shape (1,)."""
         turn = q[self.indices(pepper)] - self.target
         return np.asarray(turn - 2 * math.pi * np.floor(turn / (2 * math.pi) + 0.5))
 
     def shortfall(self, pepper: PepperModel, q: Array) -> str:
-        """Return how far the base is turned away, in words, at joint positions q, shape (n,) [rad or m]."""
+        """Return the base's yaw error in words, at joint positions q, shape (n,) [rad or m]."""
         angle, wanted = words_for_angle(self.error(pepper, q)), math.degrees(float(self.target))
         return f"{self.label} is turned {angle} away from a yaw of {wanted:.1f} deg"
 
@@ -141,7 +141,7 @@ class BaseYaw(BaseTask):
 
     @staticmethod
     def expression(task: TaskStructure, motion: TaskVariables, target: Any) -> tuple[Any, Any]:
-        """Return the turn from the yaw wanted, the short way round, and the row of the identity."""
+        """Return the shortest rotation from the target yaw, and the row of the identity."""
         import casadi
 
         positions, selection = motion.joints(task.joints)
@@ -151,27 +151,27 @@ class BaseYaw(BaseTask):
 
 @dataclass(frozen=True, eq=False, init=False)
 class BasePlacement(TaskGroup):
-    """A planar base has, or is near, a target position and yaw; either may be left out.
+    """A planar base has a target position and yaw; either may be left out.
 
-    Needs a robot of `load_pepper(base="planar")`.  "Near" is a wide tolerance, or an infinite one for a mere
-    preference.
+    The robot needs a planar base, as of `load_pepper(base="planar")`. A wide tolerance asks for a placement
+    near the target, an infinite one makes it a preference.
 
     Args:
         position: x and y in the world [m], shape (2,); None to leave it out.
-        yaw: Where the base faces, about the world's z axis [rad], a number; None to leave it out.
+        yaw: Yaw of the base about the world's z axis [rad], a number; None to leave it out.
         weight: Weight of the position.
-        tolerance: Largest distance of a position that is met [m].
+        tolerance: Maximum error of a position that is met [m].
         yaw_weight: Weight of the yaw.
-        yaw_tolerance: Largest angle of a yaw that is met [rad].
-        hard: Whether the position is met even where soft tasks suffer from it.
-        yaw_hard: The same of the yaw; as `hard` if None.
+        yaw_tolerance: Maximum error of a yaw that is met [rad].
+        hard: Whether the position has priority over soft tasks.
+        yaw_hard: Whether the yaw has priority over soft tasks; `hard` if None.
 
     Attributes:
-        position: The position's task, None where left out.
-        yaw: The yaw's task, None where left out.
+        position: Task of the position, None if left out.
+        yaw: Task of the yaw, None if left out.
 
     Raises:
-        InvalidValueError: where both are left out, and for a wrong shape, NaN or infinity.
+        InvalidValueError: if both are left out, and for a wrong shape, NaN or infinity.
     """
 
     position: BasePosition | None
@@ -198,5 +198,5 @@ class BasePlacement(TaskGroup):
 
     @property
     def parts(self) -> tuple[Task, ...]:
-        """Position and yaw, without what was left out."""
+        """Tasks of position and yaw, without a part that is left out."""
         return tuple(part for part in (self.position, self.yaw) if part is not None)

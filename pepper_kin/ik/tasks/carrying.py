@@ -1,4 +1,4 @@
-"""Tasks on the center of mass and the torques of a robot that carries something."""
+"""Tasks on center of mass and torques of a robot with loads."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ if TYPE_CHECKING:
 
 
 def with_loads(tasks: Iterable[Task], loads: Loads) -> list[Task]:
-    """Return tasks of which those on the center of mass and on torques count what is carried.
+    """Return the tasks, with loads set in tasks on the center of mass and on torques.
 
-    These are evaluated in Python: there is machine code for them without loads only.  Tasks that count
-    something already stay as they are.
+    Tasks with loads are evaluated in Python: their machine code exists without loads only. Tasks that have
+    loads already are not changed.
     """
     found = []
     for task in tasks:

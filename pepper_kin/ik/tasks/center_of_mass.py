@@ -1,4 +1,4 @@
-"""Bring the center of mass over a point of the floor."""
+"""Task that brings the center of mass over a point of the floor."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ LABEL = "center of mass"
 
 
 def center_of(pepper: PepperModel, loads: Loads, q: Array) -> Array:
-    """Return the center of mass of a robot with what it carries [m], shape (3,), at q, shape (n,)."""
+    """Return the center of mass of a robot with its loads [m], shape (3,), at q, shape (n,)."""
     if not loads:
         return center_of_mass(pepper, q)
     return center_of_mass_with(pepper, loads, q)
@@ -38,11 +38,11 @@ class CenterOfMass(PointTask):
     """The center of mass c of the whole robot is over a point p of the floor: r(q) = c_xy(q) - p, error |r|.
 
     dr/dq = the first two rows of J_c, see `pepper_kin.dynamics.center_of_mass_jacobian`; the height is free.
-    Objects that are attached with a mass in the scene of a search count.
+    Objects with a mass that are attached in the scene of a search count.
 
     Attributes:
         target: The point p in the world, x and y [m], shape (2,), read-only.
-        loads: What the robot carries; a search sets it from its scene.
+        loads: Carried objects; a search sets them from its scene.
     """
 
     target: Array
@@ -73,7 +73,7 @@ class CenterOfMass(PointTask):
 
     @staticmethod
     def moved_by(pepper: PepperModel, task: TaskStructure) -> np.ndarray:
-        """Return which joints move the center of mass over the floor, shape (n,)."""
+        """Return whether each joint moves the center of mass horizontally, shape (n,)."""
         return joints_that_change(pepper, lambda q: center_of_mass_jacobian(pepper, q)[:2])
 
     @staticmethod

@@ -1,4 +1,4 @@
-"""Center of mass within the polygon of the wheels, as a task."""
+"""Task that keeps the center of mass within the polygon of the wheels."""
 
 from __future__ import annotations
 
@@ -31,20 +31,20 @@ from pepper_kin.model import PepperModel
 class CenterOfMassOverWheels(TargetTask):
     """The center of mass is over the wheels' triangle, at least a margin m away from each side.
 
-    With y the center of mass on the floor as the base sees it, n_k the inward unit normal of side k and a_k a
-    corner on it,
+    With y the horizontal position of the center of mass in the base's frame, n_k the inward unit normal of
+    side k and a_k a corner on it,
 
         r_k(q) = max(0, m - n_k . (y - a_k)),    dr_k/dq = -n_k^T dy/dq where r_k > 0, else 0:
 
-    an inequality, zero and without influence inside.  The error is the largest r_k: m less the margin that
-    `pepper_kin.dynamics.tip_over_margin` gives at rest.
+    an inequality, zero inside, where it has no influence.  The error is the largest r_k: m less the margin
+    that `pepper_kin.dynamics.tip_over_margin` gives at rest.
 
     Attributes:
         target: The margin m [m], shape (), read-only.
         contacts: Corners in the base's frame [m], shape (k, 2), read-only; None for the robot's wheels.
-        normals: n_k, shape (k, 2), read-only; None as the contacts are.
-        base_frame: Frame that the contacts move with.
-        loads: What the robot carries; a search sets it from its scene.
+        normals: n_k, shape (k, 2), read-only; None together with the contacts.
+        base_frame: Frame of the base, in which the contacts are fixed.
+        loads: Carried objects; a search sets them from its scene.
     """
 
     target: Array
@@ -76,22 +76,22 @@ class CenterOfMassOverWheels(TargetTask):
             vars(self).update(_polygon(checked_polygon(contacts, f"contacts of {LABEL}"), margins))
 
     def check(self, pepper: PepperModel) -> None:
-        """Refuse a robot without the base's frame, or whose wheels are not known, or are too near for m."""
+        """Refuse a robot without the base's frame or known wheels, or whose wheels are too close for m."""
         pepper.frame_id(self.base_frame)
         self.on(pepper)
 
     def on(self, pepper: PepperModel) -> CenterOfMassOverWheels:
-        """Return the task with the contacts of the robot's wheels, where none were given."""
+        """Return the task with the contacts of the robot's wheels, if it has no contacts."""
         if self.contacts is not None:
             return self
         return self.altered(**_polygon(wheel_contacts(pepper, f"contacts of {LABEL}"), self.target))
 
     def residual(self, pepper: PepperModel, q: Array) -> Array:
-        """Return the lack of margin to each side [m], shape (k,)."""
+        """Return the missing margin at each side [m], shape (k,)."""
         return np.asarray(np.maximum(0.0, self.target - self.distances(pepper, q)))
 
     def jacobian(self, pepper: PepperModel, q: Array) -> Array:
-        """Return -n_k^T dy/dq where the margin is too small, zero elsewhere, shape (k, n)."""
+        """Return -n_k^T dy/dq of sides whose margin is too small, zero for others, shape (k, n)."""
         lacking = self.distances(pepper, q) < self.target
         return np.where(lacking[:, None], self.dependence(pepper, q), 0.0)
 
@@ -120,7 +120,7 @@ class CenterOfMassOverWheels(TargetTask):
         return own.contacts, own.normals  # type: ignore[return-value]
 
     def shortfall(self, pepper: PepperModel, q: Array) -> str:
-        """Return in words how much of the margin is lacking, at joint positions q, shape (n,) [rad or m]."""
+        """Return the missing margin in words, at joint positions q, shape (n,) [rad or m]."""
         lack, margin = self.error(pepper, q), float(self.target)
         return f"{self.label} lacks {words_for_length(lack)} of a margin of {_words_for_margin(margin)}"
 
@@ -141,7 +141,7 @@ class CenterOfMassOverWheels(TargetTask):
 
     @staticmethod
     def moved_by(pepper: PepperModel, task: TaskStructure) -> np.ndarray:
-        """Return which joints move the center of mass as the base sees it, shape (n,)."""
+        """Return whether each joint moves the center of mass in the base's frame, shape (n,)."""
         wheels = _of_structure(task)
         return joints_that_change(pepper, lambda q: wheels.dependence(pepper, q))
 
@@ -165,19 +165,20 @@ class CenterOfMassOverWheels(TargetTask):
 
 
 def _of_structure(task: TaskStructure) -> CenterOfMassOverWheels:
-    """Return a task of a structure, with a margin that any contacts allow."""
+    """Return a task with the contacts of a structure, and a margin that all contacts allow."""
     return CenterOfMassOverWheels(-1.0, contacts=np.reshape(task.corners, (-1, 2)), base_frame=task.reference)
 
 
 def _words_for_margin(margin: float) -> str:
+    """Return a margin [m] in words, which may be negative."""
     return words_for_length(margin) if margin >= 0 else f"-{words_for_length(-margin)}"
 
 
 def _polygon(corners: Array, margins: Array) -> dict[str, Array]:
-    """Return contacts, shape (k, 2) [m], and their normals, as attributes of a task.
+    """Return contacts, shape (k, 2) [m], and their normals as attributes of a task.
 
     Raises:
-        InvalidValueError: for margins of any shape [m] that no point between the contacts has.
+        InvalidValueError: for a margin [m] larger than any point's between the contacts.
     """
     widest = inner_radius(corners)
     if margins.size and margins.max() > widest:

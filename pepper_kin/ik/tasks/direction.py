@@ -1,4 +1,4 @@
-"""The angle between two directions as a residual that has one minimum only."""
+"""Angle between two directions as a residual with a single minimum."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from pepper_kin.arrays import Array, read_only
 from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model.joint_vectors import as_finite
 
-# Below this sine the two directions count as parallel: there the exact formulas would divide by zero.
+# Sine below which two directions count as parallel: the exact formulas would divide by zero.
 PARALLEL = 1e-7
 
-# A point nearer than this has no defined direction [m].
+# Minimum distance of a point with a defined direction [m].
 NEAREST = 1e-6
 
 
 def unit_vector(vector: ArrayLike, quantity: str) -> Array:
-    """Return a vector, shape (3,), at unit length, read-only.
+    """Return a vector, shape (3,), normalized and read-only.
 
     Raises:
         InvalidValueError: for a wrong shape, NaN, infinity or a vector shorter than 1e-9.
@@ -39,7 +39,7 @@ def unit_and_length(line: Array) -> tuple[Array, float]:
 
 
 def sideways_basis(axis: Array) -> Array:
-    """Return B, shape (2, 3), read-only: two unit rows normal to a unit axis and to one another.
+    """Return B, shape (2, 3), read-only: two unit rows normal to a unit axis and to each other.
 
     For the x axis they are y and z.
     """
@@ -48,6 +48,7 @@ def sideways_basis(axis: Array) -> Array:
 
 @lru_cache(maxsize=256)
 def _sideways_basis(x: float, y: float, z: float) -> Array:
+    """Return the rows of `sideways_basis` for an axis given by its components."""
     axis = np.array([x, y, z])
     first = np.array([0.0, 1.0, 0.0]) if abs(axis[1]) < 0.9 else np.array([0.0, 0.0, 1.0])
     first = first - (first @ axis) * axis
@@ -62,7 +63,7 @@ def cross_matrix(vector: Array) -> Array:
 
 
 def turn_between(first: Array, second: Array) -> tuple[Array, Array, Array]:
-    """Return r, dr/da and dr/dd of the turn from a unit direction a to a unit direction d, both moving.
+    """Return r, dr/da and dr/dd of the rotation from a unit direction a to a unit direction d, both variable.
 
     r = f a x d with f = theta / sin theta, see `direction_residual`; with c = a . d,
 
@@ -78,7 +79,7 @@ def turn_between(first: Array, second: Array) -> tuple[Array, Array, Array]:
     across, cosine = cross_matrix(first) @ second, float(first @ second)
     sine = float(np.linalg.norm(across))
     if sine < PARALLEL and cosine < 0:
-        # Exactly behind: every way round is as good, so take the first.
+        # Opposite directions: every rotation axis across a is equivalent, so take the first.
         across, sine = PARALLEL * sideways_basis(first)[0], PARALLEL
     factor, slope = _angle_over_sine(sine, cosine)
     by_first = -factor * cross_matrix(second) + slope * np.outer(across, second)
@@ -86,7 +87,7 @@ def turn_between(first: Array, second: Array) -> tuple[Array, Array, Array]:
 
 
 def direction_residual(axis: Array, basis: Array, direction: Array) -> tuple[Array, Array]:
-    """Return r and dr/dd of the turn from a unit axis a to a unit direction d.
+    """Return r and dr/dd of the rotation from a unit axis a to a unit direction d.
 
     r = (theta / sin theta) B d, where B d are the two components of d across the axis and theta is the angle
     between a and d.  Hence |r| = theta: it grows up to pi, where d is opposite to a, whereas B d alone would
@@ -105,7 +106,7 @@ def direction_residual(axis: Array, basis: Array, direction: Array) -> tuple[Arr
     across, cosine = basis @ direction, float(axis @ direction)
     sine = math.hypot(across[0], across[1])
     if sine < PARALLEL and cosine < 0:
-        # Exactly behind: every way round is as good, so take the first.
+        # Opposite directions: every rotation axis across a is equivalent, so take the first.
         across, sine = np.array([PARALLEL, 0.0]), PARALLEL
     factor, slope = _angle_over_sine(sine, cosine)
     return factor * across, factor * basis + slope * np.outer(across, axis)

@@ -1,4 +1,4 @@
-"""CasADi expressions of the joint positions at a value, or between bounds, as a task."""
+"""Task that keeps CasADi expressions of the joint positions at a value or between bounds."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_numbers
 
 UNBOUNDED = 1e300
-"""What stands for a bound that there is not, so that machine code computes with finite numbers."""
+"""Bound that stands for none, so that machine code computes with finite numbers."""
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
@@ -28,16 +28,16 @@ class Expression(TargetTask):
         height = pk.symbolic.frame_pose(pepper, "LArm_effector")
         level = pk.ik.Expression(pepper, lambda q: height(q)[2, 3] - 0.8, tolerance=0.005)
 
-    The error is the largest component of r; of an equation, lower = upper, r = f - lower.  dr/dq = df/dq by
-    CasADi in the rows where a bound is reached, 0 in the others.  The expression is compiled at its first
-    use, in some tenths of a second, and kept on disk; other bounds do not compile it again.
+    The error is the largest component of r; for an equation, lower = upper, r = f - lower. dr/dq = df/dq by
+    CasADi in rows where a bound is reached, 0 in other rows. The expression is compiled at its first use, in
+    some tenths of a second, and cached on disk; other bounds do not compile it again.
 
     Attributes:
-        source: The function q -> f(q), serialized by CasADi.
-        joint_names: Joints of the robot that it was made for; its constants are that robot's.
-        joints: Names of those that f depends on.
-        target: Lower and upper bounds, shape (2, m), read-only; ±`UNBOUNDED` where there is none.
-        quantity: Unit of f: "m", "rad", or any other for messages.
+        source: Function q -> f(q), serialized by CasADi.
+        joint_names: Joint names of the robot for which the expression was made, whose constants it contains.
+        joints: Names of the joints on which f depends.
+        target: Lower and upper bounds, shape (2, m), read-only; ±`UNBOUNDED` for none.
+        quantity: Unit of f: "m", "rad", or any other text for messages.
     """
 
     source: str
@@ -66,20 +66,20 @@ class Expression(TargetTask):
 
         Args:
             pepper: The robot.
-            function: From q, a column `casadi.SX` of n joint positions [rad or m], to m expressions: what
-                `pk.symbolic` returns may be called in it.  A `casadi.Function` will do.
+            function: From q, a column `casadi.SX` of n joint positions [rad or m], to m expressions;
+                functions of `pk.symbolic` may be called in it. A `casadi.Function` is allowed.
             lower: Lower bounds, one or m numbers; none if omitted.
-            upper: Upper bounds, one or m numbers; none if omitted.  Without any bounds all values are to be
-                0.
-            tolerance: Largest amount by which a value may leave its bounds [unit].
-            label: What it is, in words.
-            unit: Unit of the values: "m", "rad", or any other for messages.
+            upper: Upper bounds, one or m numbers; none if omitted.  Without any bounds, the target of all
+                values is 0.
+            tolerance: Maximum amount by which a value may exceed its bounds [unit].
+            label: Name of the expression in words.
+            unit: Unit of the values: "m", "rad", or any other text for messages.
             weight: Weight in the sum of squares.
-            hard: Whether it is met even where soft tasks suffer from it.
+            hard: Whether the task has priority over soft tasks.
 
         Raises:
-            InvalidValueError: for a function that returns no expressions of q, bounds of another shape or
-                that exclude each other, a weight or tolerance that is none.
+            InvalidValueError: for a function that does not return expressions of q, bounds of another shape
+                or that exclude each other, or an invalid weight or tolerance.
         """
         source, joints, count = expression_of(pepper, function, label)
         if lower is None and upper is None:
@@ -99,14 +99,14 @@ class Expression(TargetTask):
         return values_and_slopes(self.source)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Travel without CasADi's function."""
+        """Return the state without CasADi's function, which cannot be pickled."""
         return {name: value for name, value in vars(self).items() if name != "_evaluate"}
 
     def check(self, pepper: PepperModel) -> None:
-        """Refuse a robot with other joints than the one that the expression was made for.
+        """Refuse a robot whose joints differ from the robot's for which the expression was made.
 
         Raises:
-            InvalidValueError: for such a robot.
+            InvalidValueError: for a robot with other joints.
         """
         if pepper.joint_names != self.joint_names:
             got = f"an expression of {len(self.joint_names)} joints of another robot"
@@ -117,12 +117,12 @@ class Expression(TargetTask):
         return self._evaluate(q)[0]
 
     def residual(self, pepper: PepperModel, q: Array) -> Array:
-        """Return how far values leave their bounds, with sign, shape (m,) [unit]."""
+        """Return the signed amounts by which values exceed their bounds, shape (m,) [unit]."""
         found = self.values(q)
         return np.asarray(np.maximum(found - self.target[1], 0.0) + np.minimum(found - self.target[0], 0.0))
 
     def jacobian(self, pepper: PepperModel, q: Array) -> Array:
-        """Return df/dq in the rows of values at or beyond a bound, 0 in the others, shape (m, n)."""
+        """Return df/dq in rows of values at or beyond a bound, 0 in other rows, shape (m, n)."""
         found, slopes = self._evaluate(q)
         return np.where(((found <= self.target[0]) | (found >= self.target[1]))[:, None], slopes, 0.0)
 
@@ -135,7 +135,7 @@ class Expression(TargetTask):
         return self.quantity
 
     def shortfall(self, pepper: PepperModel, q: Array) -> str:
-        """Return in words which value leaves its bounds most, and by how much, at q, shape (n,)."""
+        """Return the value with the largest violation of its bounds, in words, at q, shape (n,)."""
         residual = self.residual(pepper, q)
         k = int(np.argmax(np.abs(residual)))
         bound = self.target[1, k] if residual[k] > 0 else self.target[0, k]
@@ -153,7 +153,7 @@ class Expression(TargetTask):
 
     @staticmethod
     def expression(task: TaskStructure, motion: TaskVariables, target: Any) -> tuple[Any, Any]:
-        """Return max(f - upper, 0) + min(f - lower, 0), and df/dq in the rows where a bound is reached."""
+        """Return max(f - upper, 0) + min(f - lower, 0), and df/dq in rows where a bound is reached."""
         import casadi
 
         values = casadi.Function.deserialize(task.source)(motion.q)
@@ -166,12 +166,12 @@ class Expression(TargetTask):
 def expression_of(
     pepper: PepperModel, function: Callable[[Any], Any], label: str
 ) -> tuple[str, tuple[str, ...], int]:
-    """Return the function q -> f(q) as CasADi serializes it, the joints that f depends on, and its size m.
+    """Return the function q -> f(q) serialized by CasADi, the joints on which f depends, and its size m.
 
     Args:
         pepper: The robot.
-        function: See `Expression`.
-        label: What messages call it.
+        function: Function from q to expressions, see `Expression`.
+        label: Name of the expression in messages.
 
     Raises:
         InvalidValueError: for a function that returns no expressions of q.
@@ -216,13 +216,13 @@ def values_and_slopes(source: str) -> Callable[[Array], tuple[Array, Array]]:
 
 
 def _bounds(limits_like: ArrayLike | None, quantity: str, count: int, missing: float) -> Array:
-    """Return bounds, shape (m,), of one number or m, shape (m,), where infinity or None means no bound.
+    """Return bounds, shape (m,), from one number or m numbers; infinity or None means no bound.
 
     Args:
-        limits_like: The bounds.
-        quantity: What messages call them.
+        limits_like: One bound, m bounds, shape (m,), or None.
+        quantity: Name of the bounds in messages.
         count: m.
-        missing: What stands for None.
+        missing: Bound that stands for None.
 
     Raises:
         InvalidValueError: for another shape, NaN, or anything but numbers.

@@ -1,4 +1,4 @@
-"""Origin of a frame in a plane, as a task: at a height, over an edge, along a wall."""
+"""Task that keeps the origin of a frame in a plane, such as at a height, over an edge or along a wall."""
 
 from __future__ import annotations
 
@@ -26,12 +26,13 @@ from pepper_kin.model import PepperModel
 class FrameInPlane(PointTask):
     """The origin o of a frame lies in a plane: r(q) = n . (o(q) - p), dr/dq = n^T J_v, error |r| [m].
 
-    "fast" compiles the normal in: a first solution with another normal takes some tenths of a second more.
+    "fast" compiles the normal into the code: the first solution with another normal takes some tenths of a
+    second more.
 
     Attributes:
-        frame: A name of `pepper.frame_names`.
-        target: A point p of the plane, in the world [m], shape (3,) or (N, 3) for `solve_batch`, read-only.
-        normal: n, unit vector in the world, shape (3,), read-only; upwards if not given: a height.
+        frame: Name of a frame, see `pepper.frame_names`.
+        target: Point p of the plane in the world [m], shape (3,) or (N, 3) for `solve_batch`, read-only.
+        normal: n, unit vector in the world, shape (3,), read-only; upward by default, for a height.
     """
 
     frame: str
@@ -70,7 +71,7 @@ class FrameInPlane(PointTask):
         return self.normal[None] @ frame_jacobian(pepper, q, self.frame)[:3]
 
     def shortfall(self, pepper: PepperModel, q: Array) -> str:
-        """Return how far the frame is from the plane, in words, at q, shape (n,) [rad or m]."""
+        """Return the frame's distance from the plane in words, at q, shape (n,) [rad or m]."""
         distance = words_for_length(self.error(pepper, q))
         return f"{self.label} is {distance} off the plane through {words_for_vector(self.target)}"
 

@@ -1,4 +1,4 @@
-"""Turn a frame into an orientation."""
+"""Task that brings a frame to an orientation."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from pepper_kin.model.poses import check_rotations
 
 
 class OrientationTask(TargetTask):
-    """A rotation R has to be R_t: r(q) = log(R R_t^T), the rotation vector from target to frame.
+    """A rotation R equals R_t: r(q) = log(R R_t^T), the rotation vector from target to frame.
 
     |r| is the angle between the two orientations.  With R' = [w]x R and w = J_w q',
 
@@ -52,12 +52,12 @@ class OrientationTask(TargetTask):
         """Return L(r)^-1 J_w, shape (3, n)."""
         import pinocchio
 
-        # Pinocchio gives the inverse of the right Jacobian, which is the transpose of the left one's.
+        # Pinocchio gives the inverse of the right Jacobian, the transpose of the left Jacobian's inverse.
         inverse = np.array(pinocchio.Jlog3(self.rotation(pepper, q) @ self.target.T)).T
         return inverse @ self.angular_jacobian(pepper, q)
 
     def shortfall(self, pepper: PepperModel, q: Array) -> str:
-        """Return how far the frame is turned away, in words, at joint positions q, shape (n,) [rad or m]."""
+        """Return the angle to the target in words, at joint positions q, shape (n,) [rad or m]."""
         return f"{self.label} is turned {words_for_angle(self.error(pepper, q))} away from its orientation"
 
     def attained(self, pepper: PepperModel, q: Array) -> str:
@@ -66,6 +66,7 @@ class OrientationTask(TargetTask):
         return f"an orientation {turn} from its target"
 
     def _axes(self) -> str:
+        """Return the axes of the residual in words."""
         return "the world's axes"
 
 
@@ -76,9 +77,9 @@ class FrameOrientation(OrientationTask):
     |r| is the angle between the two orientations; see `OrientationTask` for dr/dq.
 
     Attributes:
-        frame: A name of `pepper.frame_names`.
+        frame: Name of a frame, see `pepper.frame_names`.
         target: R_t, the rotation matrix from frame to world, shape (3, 3), read-only.
-        yields: Whether the task before it in a list is preferred where not both can be met.
+        yields: Whether the task before this one in a list has priority.
     """
 
     frame: str
@@ -125,9 +126,9 @@ class FrameOrientation(OrientationTask):
 
 
 def checked_rotation(matrix: ArrayLike, quantity: str) -> Array:
-    """Return a rotation matrix, shape (3, 3), or N of them, shape (N, 3, 3), as a read-only copy.
+    """Return a rotation matrix, shape (3, 3), or N matrices, shape (N, 3, 3), as a read-only copy.
 
     Raises:
-        InvalidValueError: where it is not orthonormal and right-handed to 1e-6.
+        InvalidValueError: for a matrix that is not orthonormal and right-handed to 1e-6.
     """
     return read_only(check_rotations(as_targets(matrix, quantity, (3, 3)), quantity))

@@ -1,4 +1,4 @@
-"""Bring a frame to a pose."""
+"""Tasks that bring a frame to a pose."""
 
 from __future__ import annotations
 
@@ -18,27 +18,26 @@ from pepper_kin.ik.tasks.task import ANGLE_TOLERANCE, POSITION_TOLERANCE, Task, 
 class FramePose(TaskGroup):
     """A frame has a given position and orientation; the result says which of the two was met.
 
-    Where not both can be met, as with an arm of five joints, the position comes first: it is met if it can
-    be, and the orientation comes as near as it then can.
+    If not both can be met, as with an arm of five joints, the position has priority, and the orientation
+    comes as near as it then can.
 
     Args:
-        frame: A name of `pepper.frame_names`.
+        frame: Name of a frame, see `pepper.frame_names`.
         target: transform_frame_to_world, shape (4, 4).
         weight: Weight of the position.
-        tolerance: Largest distance of a position that is met [m].
+        tolerance: Maximum error of a position that is met [m].
         orientation_weight: Weight of the orientation.
-        orientation_tolerance: Largest angle of an orientation that is met [rad].
-        label: What is moved, in words; the frame's name if left empty.
-        hard: Whether the position is met even where soft tasks suffer from it.
-        orientation_hard: The same of the orientation; as `hard` if None.
-        position_first: Whether the position is preferred where not both can be met; otherwise the weights say
-            how the error is shared.
+        orientation_tolerance: Maximum error of an orientation that is met [rad].
+        label: Name of the moved part in words; the frame's name if empty.
+        hard: Whether the position has priority over soft tasks.
+        orientation_hard: Whether the orientation has priority over soft tasks; `hard` if None.
+        position_first: Whether the position has priority over the orientation; otherwise the weights decide.
 
     Attributes:
-        frame: A name of `pepper.frame_names`.
+        frame: Name of the frame.
         target: transform_frame_to_world, shape (4, 4), read-only.
-        position: The position's task.
-        orientation: The orientation's task.
+        position: Task of the position.
+        orientation: Task of the orientation.
     """
 
     frame: str
@@ -76,7 +75,7 @@ class FramePose(TaskGroup):
 
 
 def checked_pose(target: ArrayLike, quantity: str) -> Array:
-    """Return a pose, shape (4, 4), or N of them, shape (N, 4, 4), as a read-only copy.
+    """Return a pose, shape (4, 4), or N poses, shape (N, 4, 4), as a read-only copy.
 
     Raises:
         InvalidValueError: for another shape, NaN, infinity, or another last row than 0, 0, 0, 1.

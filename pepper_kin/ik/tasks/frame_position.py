@@ -1,4 +1,4 @@
-"""Bring the origin of a frame to a point."""
+"""Task that brings the origin of a frame to a point."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class FramePosition(PointTask):
     """The origin of a frame is at a point of the world: r(q) = o(q) - p, dr/dq = J_v, error |r| [m].
 
     Attributes:
-        frame: A name of `pepper.frame_names`.
+        frame: Name of a frame, see `pepper.frame_names`.
         target: The point p in the world [m], shape (3,), read-only.
     """
 

@@ -1,4 +1,4 @@
-"""The everyday hand tasks, on NAOqi's effectors in the palms."""
+"""Tasks of Pepper's hands, on NAOqi's effector frames in the palms."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from pepper_kin.model.joint_vectors import check_choice
 
 HAND_FRAMES = {"left": "LArm_effector", "right": "RArm_effector"}
 
-# Where the line of `PointAt` begins, after the letter of the side: the elbow's and the shoulder's center.
+# Frame where the line of `PointAt` begins, without the side's letter: the elbow's or shoulder's center.
 LINE_STARTS = {"forearm": "ForeArm", "arm": "Bicep"}
 
 
 def hand_frame(hand: str) -> str:
-    """Return the effector frame of a hand.
+    """Return the name of a hand's effector frame.
 
     Raises:
         UnknownNameError: unless it is "left" or "right".
@@ -35,7 +35,7 @@ class HandPosition(FramePosition):
 
     Args:
         hand: "left" or "right".
-        point: The point in the world [m], shape (3,).
+        point: Point in the world [m], shape (3,).
 
     Raises:
         UnknownNameError: for another hand.
@@ -57,23 +57,23 @@ class HandPosition(FramePosition):
 class HandPose(FramePose):
     """The palm of a hand has a position and an orientation: `FramePose` of its effector.
 
-    An arm has five joints, so without the torso's help it meets a pose only by luck; then the position is met
-    and the orientation comes as near as it can, and the result reports the two apart.
+    An arm has five joints, so without the torso it rarely meets a pose; otherwise the position is met, the
+    orientation comes as near as it can, and the result reports both separately.
 
     Args:
         hand: "left" or "right".
         target: transform_hand_to_world, shape (4, 4).
         weight: Weight of the position.
-        tolerance: Largest distance of a position that is met [m].
+        tolerance: Maximum error of a position that is met [m].
         orientation_weight: Weight of the orientation.
-        orientation_tolerance: Largest angle of an orientation that is met [rad].
-        hard: Whether the position is met even where soft tasks suffer from it.
-        orientation_hard: The same of the orientation; as `hard` if None.
-        position_first: Whether the position is preferred where not both can be met.
+        orientation_tolerance: Maximum error of an orientation that is met [rad].
+        hard: Whether the position has priority over soft tasks.
+        orientation_hard: Whether the orientation has priority over soft tasks; `hard` if None.
+        position_first: Whether the position has priority over the orientation.
 
     Raises:
         UnknownNameError: for another hand.
-        InvalidValueError: for a target that is no pose.
+        InvalidValueError: for a target that is not a pose.
     """
 
     def __init__(
@@ -104,19 +104,18 @@ class HandPose(FramePose):
 
 
 class PointAt(LineThroughPoint):
-    """A hand points at a point, as people do with a stretched arm: the arm's line passes through it.
+    """A hand points at a point like a person with a stretched arm: the arm's line passes through the point.
 
-    The line is that of the forearm, from the elbow (`LForeArm`) through the middle of the hand (`l_hand`):
-    the axis that the wrist turns about and that the open fingers follow, which is where an onlooker sees the
-    arm point.  With `line="arm"` it begins in the shoulder (`LBicep`): shoulder, hand and point are on one
-    line, however far the elbow is bent.  Either way the point lies beyond the hand, and the error is the
-    angle between the line and the point as seen from the hand: at a distance d the line passes d sin(error)
-    beside it.  Where the arm should only be parallel to a direction, use `Point`; with frames of your own, or
-    for another robot, `LineThroughPoint`.
+    The line of the forearm begins at the elbow (`LForeArm`) and passes through the middle of the hand
+    (`l_hand`): the wrist's axis, along which the open fingers point, so that an onlooker sees the arm point
+    there. With `line="arm"` it begins at the shoulder (`LBicep`): shoulder, hand and point are on one line
+    for any bending of the elbow. In both cases the point lies beyond the hand, and the error is the angle
+    between the line and the point seen from the hand: at a distance d the line passes d sin(error) beside the
+    point. For an arm parallel to a direction use `Point`; for other frames or robots `LineThroughPoint`.
 
     Args:
         hand: "left" or "right".
-        point: The point in the world [m], shape (3,), or (N, 3) for `solve_batch`.
+        point: Point in the world [m], shape (3,), or (N, 3) for `solve_batch`.
         line: "forearm" or "arm".
 
     Raises:
@@ -142,11 +141,11 @@ class PointAt(LineThroughPoint):
 class Point(AxisAlignment):
     """The forearm and hand point along a direction: `AxisAlignment` of the x axis of the hand's effector.
 
-    For a point to be pointed at there is `PointAt`.
+    To point at a point, use `PointAt`.
 
     Args:
         hand: "left" or "right".
-        direction: Direction in the world, shape (3,), of any length but zero.
+        direction: Direction in the world, shape (3,), not zero; it is normalized.
 
     Raises:
         UnknownNameError: for another hand.

@@ -1,4 +1,4 @@
-"""Torques that hold the robot still within a share of the effort limits, as a task."""
+"""Task that keeps the torques of holding still within a fraction of the effort limits."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ LABEL = "holding torque"
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
 class HoldingTorque(TargetTask):
-    """Every motor holds the posture with at most a share s of its effort limit.
+    """Every motor holds the posture with at most a fraction s of its effort limit.
 
     With g(q) the torques that hold the robot still and t_i the effort limit of joint i,
 
         r_i(q) = sign(g_i) max(0, |g_i(q)| / t_i - s),    dr_i/dq = dg_i/dq / t_i where r_i is not 0, else 0:
 
-    an inequality, zero and without influence where the motors are strong enough.  The error is the largest
-    |r_i|, a share of an effort limit.
+    an inequality, zero and without influence where the motors are strong enough. The error is the largest
+    |r_i|, a fraction of an effort limit.
 
     Attributes:
-        target: The share s, shape (), read-only.
-        joints: Names of the joints that count; empty for all that have an effort limit.
-        loads: What the robot carries; a search sets it from its scene.
+        target: Fraction s, shape (), read-only.
+        joints: Names of the joints that count; empty for all joints with an effort limit.
+        loads: Carried objects; a search sets them from its scene.
     """
 
     target: Array
@@ -72,7 +72,7 @@ class HoldingTorque(TargetTask):
         )
 
     def check(self, pepper: PepperModel) -> None:
-        """Refuse a robot that lacks a joint, or whose joints have no effort limits.
+        """Refuse a robot that lacks a joint of the task or the effort limit of one.
 
         Raises:
             UnknownNameError: listing the joints.
@@ -86,17 +86,17 @@ class HoldingTorque(TargetTask):
             raise InvalidValueError(LABEL, "a robot without effort limits", "one that has some")
 
     def use(self, pepper: PepperModel, q: Array) -> Array:
-        """Return g_i / t_i of the joints that count, with sign, shape (k,), at q, shape (n,)."""
+        """Return the signed ratios g_i / t_i of the joints that count, shape (k,), at q, shape (n,)."""
         index = _places(pepper, self.joints)
         return gravity_torque(carrying(pepper, self.loads), q)[index] / pepper.effort_limits[index]
 
     def residual(self, pepper: PepperModel, q: Array) -> Array:
-        """Return what is used beyond the share, with sign, shape (k,)."""
+        """Return the signed excess of the ratios over the fraction s, shape (k,)."""
         use = self.use(pepper, q)
         return np.asarray(np.sign(use) * np.maximum(0.0, np.abs(use) - self.target))
 
     def jacobian(self, pepper: PepperModel, q: Array) -> Array:
-        """Return dg_i/dq / t_i where too much is used, zero elsewhere, shape (k, n)."""
+        """Return dg_i/dq / t_i of joints that exceed the fraction, zero for others, shape (k, n)."""
         excess = np.abs(self.use(pepper, q)) > self.target
         return np.where(excess[:, None], self.dependence(pepper, q), 0.0)
 
@@ -105,11 +105,11 @@ class HoldingTorque(TargetTask):
         return _slopes(carrying(pepper, self.loads), q, self.joints)
 
     def shortfall(self, pepper: PepperModel, q: Array) -> str:
-        """Return which joint needs most, in words, at joint positions q, shape (n,) [rad or m]."""
+        """Return the joint with the largest ratio and the fraction, in words, at q, shape (n,) [rad or m]."""
         return f"{self.attained(pepper, q)}, beyond {100 * float(self.target):.3g} %"
 
     def attained(self, pepper: PepperModel, q: Array) -> str:
-        """Return what the joint needs that needs most, in words, at joint positions q, shape (n,)."""
+        """Return the joint with the largest ratio, and the ratio, in words, at q, shape (n,) [rad or m]."""
         use = np.abs(self.use(pepper, q))
         joint = pepper.joint_names[_places(pepper, self.joints)[int(np.argmax(use))]]
         return f"{joint} holds with {100 * float(use.max()):.3g} % of its effort limit"
@@ -121,7 +121,7 @@ class HoldingTorque(TargetTask):
 
     @staticmethod
     def moved_by(pepper: PepperModel, task: TaskStructure) -> np.ndarray:
-        """Return which joints change the torques that hold the robot still, shape (n,)."""
+        """Return whether the holding torques depend on each joint, shape (n,)."""
         return joints_that_change(pepper, lambda q: _slopes(pepper, q, task.joints))
 
     @staticmethod
@@ -138,12 +138,12 @@ class HoldingTorque(TargetTask):
 
 
 def _places(pepper: PepperModel, joints: tuple[str, ...]) -> np.ndarray:
-    """Return the indices of joints, shape (k,); of all that have an effort limit for none."""
+    """Return the indices of joints, shape (k,); without names, of all joints with an effort limit."""
     return np.array([pepper.joint_index(name) for name in joints]) if joints else limited_efforts(pepper)
 
 
 def _slopes(pepper: PepperModel, q: Array, joints: tuple[str, ...]) -> Array:
-    """Return dg_i/dq / t_i of joints, by Pinocchio, shape (k, n)."""
+    """Return dg_i/dq / t_i of named joints, by Pinocchio, shape (k, n)."""
     model, data, index = pepper.inner_model, pepper.pinocchio_data, _places(pepper, joints)
     change = np.asarray(pinocchio.computeGeneralizedGravityDerivatives(model, data, pepper.to_full(q)))
     if pepper.is_coupled:

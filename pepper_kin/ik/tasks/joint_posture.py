@@ -1,4 +1,4 @@
-"""Bring joints to given positions."""
+"""Task that brings joints to given positions."""
 
 from __future__ import annotations
 
@@ -21,12 +21,13 @@ from pepper_kin.model.joint_vectors import as_joint_vectors
 class JointPosture(TargetTask):
     """Joints are at given positions: r(q) = S q - target, dr/dq = S, where S selects the joints.
 
-    The error is the largest deviation of one joint [rad, or m for a joint that slides].  With an infinite
-    tolerance and a small weight it is a preference, which other tasks override.
+    The error is the largest deviation of one joint [rad, or m for a prismatic joint]. With an infinite
+    tolerance and a small weight the task is a preference, which other tasks override.
 
     Attributes:
-        target: Positions [rad or m], shape (n,) or one for each joint that `joints` stands for, read-only.
-        joints: The joints meant, by names of joints and groups, such as `("right_arm", "HeadYaw")`; a group
+        target: Positions [rad or m], shape (n,), or shape (m,) for the m joints that `joints` names,
+            read-only.
+        joints: Names of joints and groups, such as `("right_arm", "HeadYaw")`; a group
             stands for its joints in the robot's order. None for all, in the robot's order.
     """
 
@@ -58,18 +59,18 @@ class JointPosture(TargetTask):
         return [pepper.joint_index(name) for name in pepper.resolve_joints(self.joints)]
 
     def on(self, pepper: PepperModel) -> JointPosture:
-        """Return the posture with names of joints only."""
+        """Return the task with joint names in place of groups."""
         if self.joints is None:
             return self
         names = pepper.resolve_joints(self.joints)
         return self if names == self.joints else self.altered(joints=names)
 
     def check(self, pepper: PepperModel) -> None:
-        """Refuse a robot that lacks a joint, or another number of positions than there are joints.
+        """Refuse a robot that lacks a joint, or a wrong number of positions.
 
         Raises:
             UnknownNameError: for a name that is neither a joint nor a group.
-            InvalidValueError: for another number of positions.
+            InvalidValueError: for a number of positions that differs from the number of joints.
         """
         if self.joints is None:
             as_joint_vectors(pepper, self.target, "posture")
@@ -89,7 +90,7 @@ class JointPosture(TargetTask):
         return np.eye(pepper.n)[self.indices(pepper)]
 
     def shortfall(self, pepper: PepperModel, q: Array) -> str:
-        """Return in words the joint that is farthest from its target, at q, shape (n,) [rad or m]."""
+        """Return the joint that is farthest from its target in words, at q, shape (n,) [rad or m]."""
         worst = int(np.argmax(np.abs(self.residual(pepper, q))))
         index = self.indices(pepper)[worst]
         name, unit = pepper.joint_names[index], pepper.joint_units[index]
@@ -102,7 +103,7 @@ class JointPosture(TargetTask):
         return f"posture {self.error(pepper, q):.4f} {unit} away"
 
     def unit_on(self, pepper: PepperModel) -> str:
-        """Return "m" where all its joints slide, else "rad"."""
+        """Return "m" if all joints of the task are prismatic, else "rad"."""
         return "m" if all(pepper.joint_units[i] == "m" for i in self.indices(pepper)) else "rad"
 
     def _structure(self) -> TaskStructure:

@@ -1,4 +1,4 @@
-"""Bring one joint to a value."""
+"""Task that brings one joint to a value."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from pepper_kin.model import PepperModel
 
 
 class JointValue(JointPosture):
-    """One joint is at a value: `JointPosture` of it alone; the error is |q_i - value| [rad, m if it slides].
+    """One joint is at a value: `JointPosture` of one joint; the error is |q_i - value| [rad or m].
 
     Args:
-        joint: A name of `pepper.joint_names`.
-        value: Where it should be [rad or m], a number, or N of them, shape (N,), for `solve_batch`.
+        joint: Name of a joint, see `pepper.joint_names`.
+        value: Target position [rad or m], a number, or N numbers, shape (N,), for `solve_batch`.
 
     Raises:
         InvalidValueError: for a value that is not a number, NaN or infinite.
@@ -64,6 +64,6 @@ class JointValue(JointPosture):
         return f"{q[index]:.4f} {pepper.joint_units[index]}"
 
     def shortfall(self, pepper: PepperModel, q: Array) -> str:
-        """Return how far from the value the joint stops, in words, at q, shape (n,) [rad or m]."""
+        """Return the joint's distance from the value in words, at q, shape (n,) [rad or m]."""
         unit, target = self.unit_on(pepper), float(np.ravel(self.target)[0])
         return f"{self.label} stops {self.error(pepper, q):.4f} {unit} short of {target:.4f} {unit}"

@@ -1,4 +1,4 @@
-"""Let the line through two frames pass through a point."""
+"""Task that makes the line through two frames pass through a point."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ from pepper_kin.model import PepperModel, kept_for_robot
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
 class LineThroughPoint(TargetTask):
-    """The line from the origin of one frame through that of another meets a point p beyond the second.
+    """The line from one frame's origin through another's passes through a point p beyond the second.
 
-    With a the origin of `start`, b that of `frame`, w = (b - a) / |b - a| and u = (p - b) / |p - b|,
+    With a the origin of `start`, b the origin of `frame`, w = (b - a) / |b - a| and u = (p - b) / |p - b|,
 
         r(q) = (theta / sin theta) w x u,   |r| = theta,
 
@@ -38,16 +38,16 @@ class LineThroughPoint(TargetTask):
 
         dw/dq = (I - w w^T) (J_b - J_a) / |b - a|,   du/dq = -(I - u u^T) J_b / |p - b|.
 
-    `PointAt` is this task of Pepper's arms.  With a camera as `start`, a hand covers the point for the eye.
+    `PointAt` is this task for Pepper's arms. With a camera as `start`, a hand covers the point in its image.
 
     Attributes:
-        start: Where the line begins, a name of `pepper.frame_names`.
-        frame: What it goes through next, another one, at another place.
-        target: The point p in the world [m], shape (3,), or (N, 3) for `solve_batch`, read-only.
+        start: Name of the frame where the line begins, see `pepper.frame_names`.
+        frame: Name of another frame, at another position, through which the line passes.
+        target: Point p in the world [m], shape (3,), or (N, 3) for `solve_batch`, read-only.
 
     Raises:
-        InvalidValueError: for one frame twice or a point that is none; where it is used, for two frames that
-            are at the same place.
+        InvalidValueError: for one frame twice or a malformed point; in a search, for two frames at the same
+            position.
     """
 
     start: str
@@ -76,7 +76,7 @@ class LineThroughPoint(TargetTask):
         )
 
     def check(self, pepper: PepperModel) -> None:
-        """Refuse a robot without one of the frames, or on which both are at the same place."""
+        """Refuse a robot that lacks one of the frames, or has both at the same position."""
         if _distance(pepper, self.start, self.frame) < NEAREST:
             raise InvalidValueError(
                 f"line of {self.label}",
@@ -85,7 +85,7 @@ class LineThroughPoint(TargetTask):
             )
 
     def residual(self, pepper: PepperModel, q: Array) -> Array:
-        """Return the turn still to make, about the world's axes [rad], shape (3,)."""
+        """Return the remaining rotation about the world's axes [rad], shape (3,)."""
         (along, _), (sight, _) = self._lines(pepper, q)
         return turn_between(along, sight)[0]
 
@@ -98,7 +98,7 @@ class LineThroughPoint(TargetTask):
         return np.asarray(by_along @ swing - by_sight @ _across(sight, moving) / distance)
 
     def shortfall(self, pepper: PepperModel, q: Array) -> str:
-        """Return by which angle the line misses the point, in words, at q, shape (n,) [rad or m]."""
+        """Return the angle between line and point in words, at q, shape (n,) [rad or m]."""
         angle = words_for_angle(self.error(pepper, q))
         return f"the line of {self.label} passes {angle} beside {words_for_vector(self.target)}"
 
@@ -117,14 +117,14 @@ class LineThroughPoint(TargetTask):
 
     @staticmethod
     def moved_by(pepper: PepperModel, task: TaskStructure) -> np.ndarray:
-        """Return which joints carry one of the frames, shape (n,)."""
+        """Return whether each joint moves one of the frames, shape (n,)."""
         used = np.zeros(pepper.n, dtype=bool)
         used[pepper.joints_above(task.frame) + pepper.joints_above(task.reference)] = True
         return used
 
     @staticmethod
     def expression(task: TaskStructure, motion: TaskVariables, target: Any) -> tuple[Any, Any]:
-        """Return the turn still to make and dr/dw dw/dq + dr/du du/dq."""
+        """Return the remaining rotation and dr/dw dw/dq + dr/du du/dq."""
         pose, jacobian = motion.frames[task.frame]
         start, other = motion.frames[task.reference]
         along, length = symbolic_angles.unit_and_length(pose[:, 3] - start[:, 3])
@@ -142,7 +142,7 @@ def _across(direction: Array, jacobian: Array) -> Array:
 
 @kept_for_robot(most=64)
 def _distance(pepper: PepperModel, start: str, frame: str) -> float:
-    """Return how far two frames are apart at the neutral posture [m]."""
+    """Return the distance of two frames' origins in the neutral posture [m]."""
     q = pepper.neutral()
     apart = frame_pose(pepper, q, frame)[:3, 3] - frame_pose(pepper, q, start)[:3, 3]
     return float(np.linalg.norm(apart))

@@ -1,4 +1,4 @@
-"""Turn a camera towards a point."""
+"""Task that directs a camera at a point."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _AHEAD, _AHEAD_OPTICAL = read_only((1.0, 0.0, 0.0)), read_only((0.0, 0.0, 1.0))
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
 class LookAt(TargetTask):
-    """The axis of a camera passes through a point p that lies before it.
+    """The axis of a camera passes through a point p in front of it.
 
     r(q) = (theta / sin theta) B d with d = R^T u, u = (p - o) / |p - o|, see `direction_residual`;
     |r| = theta, the angle between the camera's axis and the point, up to pi for a point behind.  With
@@ -37,8 +37,8 @@ class LookAt(TargetTask):
 
     Attributes:
         target: The point p in the world [m], shape (3,), read-only.
-        frame: The camera's frame.  Its x axis is the view axis; of a frame whose name ends in
-            `_optical_frame` it is z (ROS REP 103).
+        frame: Frame of the camera. The view axis is x, or z if the name ends in `_optical_frame` (ROS REP
+            103).
         axis: The view axis in the frame, shape (3,), read-only.
         basis: Two directions across the axis in the frame, shape (2, 3), read-only.
     """
@@ -68,7 +68,7 @@ class LookAt(TargetTask):
         )  # fmt: skip
 
     def residual(self, pepper: PepperModel, q: Array) -> Array:
-        """Return the turn still to make [rad], shape (2,)."""
+        """Return the remaining rotation [rad], shape (2,)."""
         pose = frame_pose(pepper, q, self.frame)
         direction, _ = unit_and_length(self.target - pose[:3, 3])
         return direction_residual(self.axis, self.basis, pose[:3, :3].T @ direction)[0]
@@ -83,7 +83,7 @@ class LookAt(TargetTask):
         return slope @ rotation.T @ (turning - moving)
 
     def shortfall(self, pepper: PepperModel, q: Array) -> str:
-        """Return by which angle the view axis misses the point, in words, at q, shape (n,) [rad or m]."""
+        """Return the angle between view axis and point in words, at q, shape (n,) [rad or m]."""
         angle = words_for_angle(self.error(pepper, q))
         return f"{self.label} passes {angle} beside {words_for_vector(self.target)}"
 
@@ -97,7 +97,7 @@ class LookAt(TargetTask):
 
     @staticmethod
     def expression(task: TaskStructure, motion: TaskVariables, target: Any) -> tuple[Any, Any]:
-        """Return the turn still to make and dr/dd dd/dq."""
+        """Return the remaining rotation and dr/dd dd/dq."""
         pose, jacobian = motion.frames[task.frame]
         axis, turn = np.array(task.axis), pose[:, :3].T
         sight, distance = symbolic_angles.unit_and_length(target - pose[:, 3])

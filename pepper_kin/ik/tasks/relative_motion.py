@@ -1,4 +1,4 @@
-"""One frame as seen from another: its pose and how the joints move it."""
+"""Pose and Jacobian of one frame relative to another."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pepper_kin.model import PepperModel
 
 
 class RelativeTask(TargetTask):
-    """A task on one frame as seen from another."""
+    """A task on one frame relative to another."""
 
     frame: str
     reference: str
@@ -26,7 +26,7 @@ class RelativeTask(TargetTask):
 
     @staticmethod
     def moved_by(pepper: PepperModel, task: TaskStructure) -> np.ndarray:
-        """Return which joints move one frame as seen from the other, shape (n,)."""
+        """Return whether each joint moves one frame relative to the other, shape (n,)."""
         return joints_that_change(pepper, lambda q: relative_jacobian(pepper, q, task.frame, task.reference))
 
 
@@ -34,7 +34,7 @@ def words_for_pair(frame: str, reference: str) -> str:
     """Return "a seen from b".
 
     Raises:
-        InvalidValueError: where both are the same.
+        InvalidValueError: if both names are the same.
     """
     if frame == reference:
         raise InvalidValueError("frame and reference", f"{frame!r} twice", "two different frames")
@@ -47,8 +47,8 @@ def relative_pose(pepper: PepperModel, q: Array, frame: str, reference: str) -> 
     Args:
         pepper: The robot.
         q: Joint positions [rad or m], shape (n,).
-        frame: a, a name of `pepper.frame_names`.
-        reference: b, another one.
+        frame: Name of frame a, see `pepper.frame_names`.
+        reference: Name of another frame b.
     """
     moved, relative_to = frame_pose(pepper, q, frame), frame_pose(pepper, q, reference)
     turn = relative_to[:3, :3].T
@@ -56,17 +56,17 @@ def relative_pose(pepper: PepperModel, q: Array, frame: str, reference: str) -> 
 
 
 def relative_jacobian(pepper: PepperModel, q: Array, frame: str, reference: str) -> Array:
-    """Return the Jacobian of frame a as seen from reference b, in b's axes, linear first, shape (6, n).
+    """Return the Jacobian of frame a relative to reference b, in b's axes, linear rows first, shape (6, n).
 
     With d = o_a - o_b and R_b' = [w_b]x R_b,
 
-        d/dt R_b^T d = R_b^T (v_a - v_b + [d]x w_b),   the turn of a as b sees it: R_b^T (w_a - w_b).
+        d/dt R_b^T d = R_b^T (v_a - v_b + [d]x w_b),   angular velocity of a relative to b: R_b^T (w_a - w_b).
 
     Args:
         pepper: The robot.
         q: Joint positions [rad or m], shape (n,).
-        frame: a, a name of `pepper.frame_names`.
-        reference: b, another one.
+        frame: Name of frame a, see `pepper.frame_names`.
+        reference: Name of another frame b.
     """
     moved, relative_to = frame_pose(pepper, q, frame), frame_pose(pepper, q, reference)
     jacobian, other = frame_jacobian(pepper, q, frame), frame_jacobian(pepper, q, reference)

@@ -1,4 +1,4 @@
-"""Turn a frame into an orientation relative to another frame."""
+"""Task that brings a frame to an orientation relative to another frame."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from pepper_kin.model import PepperModel
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
 class RelativeOrientation(RelativeTask, OrientationTask):
-    """Frame a has an orientation R_t as seen from frame b: r(q) = log(R_b^T R_a R_t^T), in the axes of b.
+    """Frame a has an orientation R_t relative to frame b: r(q) = log(R_b^T R_a R_t^T), in the axes of b.
 
     |r| is the angle between the two orientations, dr/dq = L(r)^-1 R_b^T (J_w,a - J_w,b), with L the left
     Jacobian of SO(3), as in `OrientationTask`.
 
     Attributes:
-        frame: a, a name of `pepper.frame_names`.
-        reference: b, another one.
+        frame: Name of frame a, see `pepper.frame_names`.
+        reference: Name of another frame b.
         target: R_t, the rotation matrix from a to b, shape (3, 3), read-only.
-        yields: Whether the task before it in a list is preferred where not both can be met.
+        yields: Whether the task before this one in a list has priority.
     """
 
     frame: str

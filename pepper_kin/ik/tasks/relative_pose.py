@@ -1,4 +1,4 @@
-"""Bring a frame to a pose relative to another frame."""
+"""Tasks that bring a frame to a pose relative to another frame."""
 
 from __future__ import annotations
 
@@ -21,34 +21,35 @@ from pepper_kin.model.joint_vectors import as_finite
 
 @dataclass(frozen=True, eq=False, init=False)
 class RelativePose(TaskGroup):
-    """A frame has a given pose as seen from another: two palms that hold one box.
+    """A frame has a given pose relative to another, such as two palms that hold one box.
 
-    The result says which of position and orientation was met; either may be left out.  Where not both can be
-    met, the position comes first.
+    The result says which of position and orientation was met; either may be left out. If not both can be met,
+    the position has priority.
 
     Args:
-        frame: A name of `pepper.frame_names`.
-        reference: The frame that it is seen from.
+        frame: Name of a frame, see `pepper.frame_names`.
+        reference: Name of the reference frame.
         target: transform_frame_to_reference, shape (4, 4).
         weight: Weight of the position.
-        tolerance: Largest distance of a position that is met [m].
+        tolerance: Maximum error of a position that is met [m].
         orientation_weight: Weight of the orientation.
-        orientation_tolerance: Largest angle of an orientation that is met [rad].
-        label: What is moved, in words; both frames' names if left empty.
-        without: "position" or "orientation" to leave that part out; None for both parts.
-        hard: Whether the position is met even where soft tasks suffer from it.
-        orientation_hard: The same of the orientation; as `hard` if None.
-        position_first: Whether the position is preferred where not both can be met.
+        orientation_tolerance: Maximum error of an orientation that is met [rad].
+        label: Name of the moved part in words; both frames' names if empty.
+        without: "position" or "orientation" to leave a part out; None for both parts.
+        hard: Whether the position has priority over soft tasks.
+        orientation_hard: Whether the orientation has priority over soft tasks; `hard` if None.
+        position_first: Whether the position has priority over the orientation.
 
     Attributes:
-        frame: A name of `pepper.frame_names`.
-        reference: The frame that it is seen from.
+        frame: Name of the frame.
+        reference: Name of the reference frame.
         target: transform_frame_to_reference, shape (4, 4), read-only.
-        position: The position's task, None where left out.
-        orientation: The orientation's task, None where left out.
+        position: Task of the position, None if left out.
+        orientation: Task of the orientation, None if left out.
 
     Raises:
-        InvalidValueError: for a target that is no pose, the same frame twice, or another part to leave out.
+        InvalidValueError: for a target that is not a pose, the same frame twice, or an unknown part to leave
+            out.
     """
 
     frame: str
@@ -92,14 +93,14 @@ class RelativePose(TaskGroup):
 
     @classmethod
     def as_at(cls, pepper: PepperModel, q: ArrayLike, frame: str, reference: str, **options: Any) -> Self:
-        """Return the task to keep the relative pose that a configuration has.
+        """Return the task that keeps the relative pose of a configuration.
 
         Args:
             pepper: The robot.
-            q: The configuration [rad or m], shape (n,).
-            frame: A name of `pepper.frame_names`.
-            reference: The frame that it is seen from.
-            options: What the constructor takes beside the target, such as `tolerance` and `hard`.
+            q: Joint positions [rad or m], shape (n,).
+            frame: Name of a frame, see `pepper.frame_names`.
+            reference: Name of the reference frame.
+            options: Further arguments of the constructor, such as `tolerance` and `hard`.
 
         Raises:
             UnknownNameError: for a frame that the robot lacks.
@@ -112,5 +113,5 @@ class RelativePose(TaskGroup):
 
     @property
     def parts(self) -> tuple[Task, ...]:
-        """Position and orientation, without what was left out."""
+        """Tasks of position and orientation, without a part that is left out."""
         return tuple(part for part in (self.position, self.orientation) if part is not None)

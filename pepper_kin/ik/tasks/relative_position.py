@@ -1,4 +1,4 @@
-"""Bring the origin of a frame to a point of another frame."""
+"""Task that brings the origin of a frame to a point of another frame."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ class RelativePosition(RelativeTask, PointTask):
     dr/dq = R_b^T (J_v,a - J_v,b + [o_a - o_b]x J_w,b), see `relative_jacobian`.
 
     Attributes:
-        frame: a, a name of `pepper.frame_names`.
-        reference: b, another one.
+        frame: Name of frame a, see `pepper.frame_names`.
+        reference: Name of another frame b.
         target: The point p in the axes of b [m], shape (3,), read-only.
     """
 

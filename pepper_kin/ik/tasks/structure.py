@@ -1,4 +1,4 @@
-"""Structure of tasks, which machine code is compiled for, and motion, which expressions are written in."""
+"""Structure of tasks, for which machine code is compiled, and variables of their expressions."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ if TYPE_CHECKING:
 
 
 class TaskStructure(NamedTuple):
-    """The part of a task that code is compiled for; tasks alike share one.
+    """The part of a task for which code is compiled; similar tasks share one.
 
     Attributes:
-        kind: The task's class, whose `expression` is compiled.
-        frame: Name of the frame; empty where the task acts on joints.
-        axis: Axis in the frame, or normal in the world, for tasks that have one.
-        joints: Names of the joints, for a posture; empty for all.
-        target_size: Numbers that describe the target.
-        reference: Name of the frame that `frame` or the center of mass is seen from, or where a line begins;
-            empty for the world.
-        corners: Corners of the polygon of contacts, x and y in turn, for a task that has one.
+        kind: Class of the task, whose `expression` is compiled.
+        frame: Name of the frame; empty for tasks on joints.
+        axis: Axis in the frame, or normal in the world; empty for tasks without one.
+        joints: Names of the joints of a task on joints; empty for all.
+        target_size: Number of values that describe the target.
+        reference: Name of the reference frame of `frame` or the center of mass, or of the frame where a line
+            begins; empty for the world.
+        corners: Corners of the polygon of contacts, x and y in turn [m]; empty for tasks without one.
         hard: Whether the task is hard.
-        source: Of an expression, see `Expression.source`.
+        source: Serialized function of an `Expression`, see `Expression.source`.
     """
 
     kind: type[Task]
@@ -49,14 +49,14 @@ class TaskStructure(NamedTuple):
 def frame_structure(
     kind: type[Task], frame: str, hard: bool, target_size: int = 3, axis: bytes = b"", reference: str = ""
 ) -> TaskStructure:
-    """Return the structure of a task on a frame; to make it again takes as long as some steps."""
+    """Return the structure of a task on a frame; cached, since making it takes as long as some steps."""
     return TaskStructure(
         kind, frame, tuple(np.frombuffer(axis).tolist()), (), target_size, reference, (), hard
     )
 
 
 def known_structures(tasks: Sequence[Task]) -> tuple[TaskStructure, ...] | None:
-    """Return the structure of each task; None where there is no machine code for one of them."""
+    """Return the structure of each task; None if one task has no machine code."""
     found = []
     for task in tasks:
         structure = task.structure()
@@ -67,14 +67,14 @@ def known_structures(tasks: Sequence[Task]) -> tuple[TaskStructure, ...] | None:
 
 
 def target_of(task: Task) -> Array:
-    """Return the numbers that describe a task's target, flat."""
+    """Return the numbers that describe a task's target, flattened, shape (target_size,)."""
     target: Array = getattr(task, task.target_name)
     return target if target.ndim == 1 else target.ravel()
 
 
 @dataclass(frozen=True, eq=False)
 class TaskVariables:
-    """What expressions of tasks are written in.
+    """Variables of the expressions of tasks.
 
     Attributes:
         pepper: The robot.
@@ -88,16 +88,16 @@ class TaskVariables:
 
     @cached_property
     def center(self) -> tuple[Any, Any]:
-        """The center of mass (3) and its Jacobian (3, n)."""
+        """Center of mass, shape (3,) [m], and its Jacobian, shape (3, n)."""
         return center_of_mass(self.pepper)(self.q), center_of_mass_jacobian(self.pepper)(self.q)
 
     @cached_property
     def gravity_torque(self) -> Any:
-        """What holds the robot still, shape (n,)."""
+        """Torques that hold the robot still [N m or N], shape (n,)."""
         return gravity_torque(self.pepper)(self.q)
 
     def joints(self, names: Sequence[str]) -> tuple[Any, Any]:
-        """Return the positions of joints and their derivative by q; of all joints for no names."""
+        """Return the positions of named joints, or of all without names, and their Jacobian by q."""
         import casadi
 
         rows = [self.pepper.joint_index(name) for name in names or self.pepper.joint_names]
@@ -113,7 +113,7 @@ class TaskVariables:
 
 
 def generic_configurations(pepper: PepperModel) -> list[Array]:
-    """Return two configurations at which no expression of q vanishes that does not always vanish."""
+    """Return two configurations at which an expression of q vanishes only if it always vanishes."""
     span = np.minimum(pepper.upper_limits, np.pi) - np.maximum(pepper.lower_limits, -np.pi)
     low = np.maximum(pepper.lower_limits, -np.pi)
     shares = 1 - 0.2 * np.sin(np.arange(pepper.n))
@@ -121,9 +121,9 @@ def generic_configurations(pepper: PepperModel) -> list[Array]:
 
 
 def joints_that_change(pepper: PepperModel, derivative: Callable[[Array], Array]) -> np.ndarray:
-    """Return which joints have a column in a derivative, shape (k, n), that is not always zero, shape (n,).
+    """Return whether each joint's column of a derivative, shape (k, n), is not always zero, shape (n,).
 
-    Joints on the way to both of two frames carry them alike; what is left of their columns is rounding.
+    Joints that move two frames together have columns of rounding errors in a relative Jacobian.
     """
     used = np.zeros(pepper.n, dtype=bool)
     for q in generic_configurations(pepper):

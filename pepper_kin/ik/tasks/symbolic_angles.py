@@ -1,4 +1,4 @@
-"""Angles between directions and between orientations, without inverse trigonometric functions.
+"""Symbolic angles between directions and between orientations, without inverse trigonometric functions.
 
 Both residuals are an angle times a unit vector.  The angle comes from its cosine c by two half-angle steps,
 h = cos(theta/2) = sqrt((1 + c)/2) and k = cos(theta/4) = sqrt((1 + h)/2), and a polynomial for the arc
@@ -33,7 +33,7 @@ def skew(vector: Any) -> Any:
 
 
 def unit_and_length(line: Any) -> tuple[Any, Any]:
-    """Return the unit vector of a line and its length as `pepper_kin.ik.tasks.direction.unit_and_length`."""
+    """Return the unit vector of a line and its length [m], as `direction.unit_and_length`."""
     import casadi
 
     length = casadi.sqrt(casadi.sumsqr(line))
@@ -42,7 +42,7 @@ def unit_and_length(line: Any) -> tuple[Any, Any]:
 
 
 def angle_over_sine(cosine: Any) -> Any:
-    """Return theta / sin(theta) of theta = acos(c), for c in (-1, 1]."""
+    """Return theta / sin(theta) with theta = acos(c), for c in (-1, 1]."""
     import casadi
 
     c = casadi.fmin(casadi.fmax(cosine, -1.0), 1.0)
@@ -62,7 +62,7 @@ def direction_residual(axis: Array, basis: Array, direction: Any) -> tuple[Any, 
 
     Args:
         axis: a, unit vector in the frame, shape (3,).
-        basis: B, two unit rows across it, shape (2, 3).
+        basis: B, two unit rows normal to the axis, shape (2, 3).
         direction: d, a unit SX vector of 3 rows.
 
     Returns:
@@ -86,7 +86,7 @@ def turn_between(first: Any, second: Any) -> tuple[Any, Any, Any]:
 
     across, cosine = casadi.cross(first, second), casadi.dot(first, second)
     behind = _is_behind(casadi.sumsqr(across), cosine)
-    # Exactly behind, the turn is about a direction across the first, as `sideways_basis` has it.
+    # For opposite directions the rotation is about the first direction of `sideways_basis`.
     helper = casadi.if_else(casadi.fabs(first[1]) < 0.9, casadi.DM([0, 1, 0]), casadi.DM([0, 0, 1]))
     aside = helper - casadi.dot(helper, first) * first
     aside = PARALLEL * aside / casadi.sqrt(casadi.sumsqr(aside))
@@ -97,7 +97,7 @@ def turn_between(first: Any, second: Any) -> tuple[Any, Any, Any]:
 
 
 def _is_behind(square: Any, cosine: Any) -> Any:
-    """Return whether two directions are exactly opposite: every way round is as good, the first is taken."""
+    """Return whether two directions are opposite, so that the axis of rotation is arbitrary."""
     import casadi
 
     return casadi.logic_and(square < PARALLEL**2, cosine < 0)
@@ -108,7 +108,7 @@ def _factor_and_slope(square: Any, cosine: Any) -> tuple[Any, Any]:
     import casadi
 
     square = casadi.fmax(square, PARALLEL**2)
-    # Next to c = -1 the cosine has lost the angle that the sine still has.
+    # Near c = -1 the cosine has lost the precision of the angle, which the sine still has.
     factor = casadi.if_else(
         cosine < -0.99, (math.pi - _small_arc_sine(square)) / casadi.sqrt(square), angle_over_sine(cosine)
     )
@@ -125,7 +125,7 @@ def rotation_residual(turn: Any) -> tuple[Any, Any]:
 
         L^-1 = I - [r]x / 2 + (1 - f (1 + c) / 2) / theta^2 [r]x^2.
 
-    Where theta is near pi, v says little; there n is taken from the largest column of E + I instead.
+    If theta is near pi, v is inaccurate; n is then taken from the largest column of E + I.
     """
     import casadi
 
@@ -137,7 +137,7 @@ def rotation_residual(turn: Any) -> tuple[Any, Any]:
     plain = angle_over_sine(casadi.fmax(cosine, -0.99999)) * v
     residual = casadi.vertcat(*[casadi.if_else(far, reversed_turn[k], plain[k]) for k in range(3)])
     angle_square = casadi.sumsqr(residual)
-    # f (1 + c), where near pi both f is large and 1 + c is what is left after cancellation.
+    # f (1 + c): near pi, f is large and 1 + c suffers from cancellation.
     product = casadi.if_else(
         cosine < 0,
         casadi.sqrt(angle_square * square) / (1 - cosine),
@@ -153,7 +153,7 @@ def rotation_residual(turn: Any) -> tuple[Any, Any]:
 
 
 def _near_reversal(turn: Any, v: Any) -> Any:
-    """Return log(E) where theta is near pi: n is along the largest column of the symmetric part of E + I."""
+    """Return log(E) for theta near pi: n is along the largest column of the symmetric part of E + I."""
     import casadi
 
     symmetric = 0.5 * (turn + turn.T) + casadi.SX.eye(3)
@@ -173,7 +173,7 @@ def _near_reversal(turn: Any, v: Any) -> Any:
 
 
 def _small_arc_sine(square: Any) -> Any:
-    """Return asin(s) of s^2 < 0.02."""
+    """Return asin(s) from s^2 < 0.02, by its power series."""
     import casadi
 
     s = casadi.sqrt(square)

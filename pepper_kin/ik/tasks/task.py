@@ -1,4 +1,4 @@
-"""Base class of inverse-kinematics tasks."""
+"""Base classes of inverse-kinematics tasks."""
 
 from __future__ import annotations
 
@@ -26,30 +26,29 @@ HARD_WEIGHT = 100.0
 
 
 class Task(FrozenArrays, ABC):
-    """Something that a configuration should fulfill: a residual r(q) that should vanish.
+    """Objective of a configuration: a residual r(q) that should vanish.
 
     Tasks are frozen values.  A solver minimizes sum_i s_i^2 |r_i(q)|^2 over all tasks i (meters and radians
-    count alike at equal weights); the task is met where `error` is within `tolerance`.  The strength s_i is
-    the weight w_i, or W w_i for a hard task, with W = HARD_WEIGHT; see `pepper_kin.ik.priorities`.
+    count alike at equal weights); a task is met if `error` is within `tolerance`.  The strength s_i is the
+    weight w_i, or W w_i for a hard task, with W = HARD_WEIGHT; see `pepper_kin.ik.priorities`.
 
     Symbols used in all formulas: (o, R) position and orientation of the frame in the world, J_v and J_w the
     linear and angular rows of its Jacobian in world axes, [a]x the matrix of the cross product with a.
 
     Attributes:
-        frame: The frame that the task acts on; None where it acts on joints.
-        label: What the task moves, in words.
+        frame: Name of the task's frame; None for tasks on joints.
+        label: Name of the moved part in words.
         weight: w_i, above zero.
-        tolerance: Largest error of a task that is met [unit]; infinite for a mere preference.
-        hard: Whether it is met to its tolerance even where soft tasks suffer from it.
-        yields: Whether the task before it in a list is preferred where not both can be met, as a position to
-            its orientation.
+        tolerance: Maximum error of a task that is met [unit]; infinite for a preference.
+        hard: Whether the task has priority over soft tasks until it is within its tolerance.
+        yields: Whether the task before this one in a list has priority, as a position over its orientation.
         unit: Unit of `error` and `tolerance`, "m" or "rad"; `unit_on` takes the robot into account.
-        aspect: What of `label` the task is about, such as "position"; empty where the label says all.
-        target_name: Name of the attribute that may hold N targets, for `solve_batch` only.
+        aspect: Quantity of the part that the task sets, such as "position"; empty if the label says it.
+        target_name: Name of the attribute that holds one target, or N targets for `solve_batch`.
         target_axes: Number of axes of one target.
-        largest: Whether the error is the largest component of r, not its length.
-        has_machine_code: Whether the class, or the one of the library that it is derived from, has an
-            `expression`; if not, solvers evaluate it in Python.
+        largest: Whether the error is the largest component of r instead of its norm.
+        has_machine_code: Whether the class has an `expression` that fits its residual; otherwise solvers
+            evaluate the task in Python.
     """
 
     frame: str | None
@@ -67,7 +66,7 @@ class Task(FrozenArrays, ABC):
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
-        # A class derived from one of the library's may have another residual than the compiled one.
+        # A user's subclass may have a residual that differs from the compiled one.
         own = (getattr(cls, name, None) for name in ("expression", "residual", "jacobian", "size"))
         ours = all(getattr(part, "__module__", "").startswith("pepper_kin.") for part in own)
         cls.has_machine_code = ours and cls.expression is not Task.expression
@@ -80,27 +79,27 @@ class Task(FrozenArrays, ABC):
 
     @property
     def name(self) -> str:
-        """The task in words, such as "position of left hand"."""
+        """Name of the task in words, such as "position of left hand"."""
         return f"{self.aspect} of {self.label}" if self.aspect else self.label
 
     @property
     def strength(self) -> float:
-        """s_i: the weight, times HARD_WEIGHT where the task is hard."""
+        """Strength s_i: the weight, times HARD_WEIGHT for a hard task."""
         return HARD_WEIGHT * self.weight if self.hard else self.weight
 
     def altered(self, **attributes: object) -> Self:
-        """Return the task with other values of attributes, which are not checked."""
+        """Return a copy of the task with other values of attributes, which are not checked."""
         other = copy.copy(self)
         for name, value in attributes.items():
             object.__setattr__(other, name, value)
         return other
 
     def weighted(self, factor: float) -> Self:
-        """Return the task with its weight multiplied."""
+        """Return a copy of the task with its weight multiplied by a factor."""
         return self.altered(weight=factor * self.weight)
 
     def at(self, row: int) -> Self:
-        """Return the task with one of its N targets; the task itself where it has only one."""
+        """Return the task with one of its N targets; the task itself if it has a single one."""
         if self.count is None:
             return self
         return self.altered(**{self.target_name: read_only(getattr(self, self.target_name)[row])})
@@ -110,11 +109,11 @@ class Task(FrozenArrays, ABC):
         return self
 
     def check(self, pepper: PepperModel) -> None:
-        """Refuse a robot that lacks a frame or joint of the task: its frame, where a task says no more.
+        """Refuse a robot that lacks a frame or joint of the task; the base class checks the frame.
 
         Raises:
-            UnknownNameError: listing what the robot has.
-            InvalidValueError: where a joint vector of the task does not fit the robot.
+            UnknownNameError: listing the robot's names.
+            InvalidValueError: if a joint vector of the task does not fit the robot.
         """
         if self.frame is not None:
             pepper.frame_id(self.frame)
@@ -128,9 +127,9 @@ class Task(FrozenArrays, ABC):
         """Return dr/dq, shape (m, n), at joint positions q, shape (n,) [rad or m]."""
 
     def dependence(self, pepper: PepperModel, q: Array) -> Array:
-        """Return a matrix, shape (k, n), whose column of a joint vanishes where the joint has no influence.
+        """Return a matrix, shape (k, n), whose columns of joints without influence vanish.
 
-        It is the Jacobian, unless that vanishes wherever the task is met.
+        The matrix is the Jacobian, unless the Jacobian vanishes if the task is met.
         """
         return self.jacobian(pepper, q)
 
@@ -139,23 +138,23 @@ class Task(FrozenArrays, ABC):
         return self.unit
 
     def size(self, residual: Array) -> float:
-        """Return the error of a residual, shape (m,) [unit]: |r|, or its largest component if `largest`."""
+        """Return the error of a residual r, shape (m,) [unit]: |r|, or the largest component if `largest`."""
         return float(np.abs(residual).max() if self.largest else np.linalg.norm(residual))
 
     def error(self, pepper: PepperModel, q: Array) -> float:
-        """Return how far q, shape (n,) [rad or m], is from meeting the task [unit]."""
+        """Return the error at q, shape (n,) [rad or m], in the task's unit."""
         return self.size(self.residual(pepper, q))
 
     @abstractmethod
     def shortfall(self, pepper: PepperModel, q: Array) -> str:
-        """Return in words how far q, shape (n,) [rad or m], is from meeting the task, with the target."""
+        """Return the error at q, shape (n,) [rad or m], and the target in words."""
 
     @abstractmethod
     def attained(self, pepper: PepperModel, q: Array) -> str:
-        """Return in words what q, shape (n,) [rad or m], reaches in the target's place."""
+        """Return the value that q, shape (n,) [rad or m], reaches instead of the target, in words."""
 
     def structure(self) -> TaskStructure | None:
-        """Return what machine code is compiled for; None where the task is evaluated in Python."""
+        """Return the structure for which code is compiled; None for a task evaluated in Python."""
         return self._structure() if self.has_machine_code else None
 
     def _structure(self) -> TaskStructure | None:
@@ -164,20 +163,21 @@ class Task(FrozenArrays, ABC):
 
     @staticmethod
     def expression(task: TaskStructure, motion: TaskVariables, target: Any) -> tuple[Any, Any]:
-        """Return r and dr/dq as CasADi expressions, the same as `residual` and `jacobian` compute.
+        """Return r and dr/dq as CasADi expressions, equal to `residual` and `jacobian`.
 
         Args:
             task: The structure of the task.
-            motion: Frames and center of mass of the robot.
+            motion: Variables of the robot: frames, center of mass and torques.
             target: Symbols of the numbers that describe the target, as `target_of` flattens it.
         """
         raise NotImplementedError("a task without machine code")
 
     @staticmethod
     def moved_by(pepper: PepperModel, task: TaskStructure) -> np.ndarray:
-        """Return which joints the expression depends on, shape (n,): those on the way to the frame, or named.
+        """Return whether the expression depends on each joint, shape (n,).
 
-        Whether a column vanishes by some symmetry is left to the search, which leaves the joint where it is.
+        It may depend on the joints that move the frame, or on named joints. Columns may still vanish by
+        symmetry; a search then does not move the joint.
         """
         used = np.zeros(pepper.n, dtype=bool)
         names = task.joints or pepper.joint_names
@@ -187,10 +187,9 @@ class Task(FrozenArrays, ABC):
 
 @dataclass(frozen=True, eq=False, init=False, repr=False, kw_only=True)
 class TargetTask(Task):
-    """A task of the library: weight, tolerance, hardness and label are set, checked and described here.
+    """Base class of the library's tasks, with checks and descriptions of weight, tolerance, hard and label.
 
-    A derived class states what else it is made of.  Where these have other defaults, or may be given by
-    place, its constructor says so.
+    A subclass adds its own attributes; its constructor defines other defaults and positional arguments.
     """
 
     weight: float = 1.0
@@ -217,16 +216,16 @@ class TargetTask(Task):
         """Set all attributes of a new task, which is frozen.
 
         Args:
-            label: What the task moves, in words.
-            weight: See `Task`.
-            tolerance: See `Task`.
-            hard: See `Task`.
-            subject: What messages call it; the label if omitted.
-            frame: The frame that it acts on; None where it acts on joints.
-            attributes: Those of the derived class, checked.
+            label: Name of the moved part in words.
+            weight: Weight in the sum of squares, above zero.
+            tolerance: Maximum error of a task that is met [unit].
+            hard: Whether the task has priority over soft tasks.
+            subject: Name of the task in messages; the label if omitted.
+            frame: Name of the task's frame; None for tasks on joints.
+            attributes: Checked attributes of the subclass.
 
         Raises:
-            InvalidValueError: for a weight, a tolerance or a hardness that is none.
+            InvalidValueError: for an invalid weight, tolerance or `hard`.
         """
         name = subject or label
         vars(self).update(
@@ -253,7 +252,7 @@ _COMMON = """Attributes of all tasks:
 
 
 class PointTask(TargetTask):
-    """A place has to be at a point: r(q) = place(q) - target, error |r| [m]."""
+    """A position reaches a point: r(q) = place(q) - target, error |r| [m]."""
 
     target: Array
     unit: ClassVar[str] = "m"
@@ -261,45 +260,45 @@ class PointTask(TargetTask):
 
     @abstractmethod
     def place(self, pepper: PepperModel, q: Array) -> Array:
-        """Return the place, shape of the target [m], at joint positions q, shape (n,) [rad or m]."""
+        """Return the position [m], shape of the target, at joint positions q, shape (n,) [rad or m]."""
 
     def residual(self, pepper: PepperModel, q: Array) -> Array:
         """Return place(q) - target [m], shape of the target."""
         return np.asarray(self.place(pepper, q) - self.target)
 
     def shortfall(self, pepper: PepperModel, q: Array) -> str:
-        """Return how far from the point the place is, in words, at q, shape (n,) [rad or m]."""
+        """Return the distance from the target point in words, at q, shape (n,) [rad or m]."""
         distance = words_for_length(self.error(pepper, q))
         return f"{self.label} stops {distance} short of {words_for_vector(self.target)}"
 
     def attained(self, pepper: PepperModel, q: Array) -> str:
-        """Return the place in words, at joint positions q, shape (n,) [rad or m]."""
+        """Return the reached position in words, at joint positions q, shape (n,) [rad or m]."""
         return f"point {words_for_vector(self.place(pepper, q))}{self.ground}"
 
 
 class TaskGroup(FrozenArrays, ABC):
     """Several tasks under one name, such as the position and the orientation of a pose.
 
-    The solvers see the parts, and a result reports the error of each.
+    Solvers use the parts, and a result reports the error of each part.
     """
 
     @property
     @abstractmethod
     def parts(self) -> tuple[Task, ...]:
-        """The tasks that it stands for."""
+        """Tasks of the group."""
 
 
 def checked_weight(weight: float, label: str) -> float:
     """Return a weight as a float.
 
     Raises:
-        InvalidValueError: unless it is finite and above zero.
+        InvalidValueError: unless the weight is finite and above zero.
     """
     return _number(weight, f"weight of {label}", "a finite number above 0", infinite=False)
 
 
 def checked_tolerance(tolerance: float, label: str, unit: str) -> float:
-    """Return a tolerance as a float; infinity is allowed and means that any error will do.
+    """Return a tolerance as a float; infinity is allowed and accepts any error.
 
     Raises:
         InvalidValueError: unless it is above zero.
@@ -309,10 +308,10 @@ def checked_tolerance(tolerance: float, label: str, unit: str) -> float:
 
 
 def checked_hard(hard: bool, label: str) -> bool:
-    """Return whether a task is hard.
+    """Return `hard` as a bool.
 
     Raises:
-        InvalidValueError: unless it is True or False.
+        InvalidValueError: unless `hard` is True or False.
     """
     if not isinstance(hard, (bool, np.bool_)):
         raise InvalidValueError(f"hard of {label}", repr(hard), "True or False")
@@ -320,6 +319,7 @@ def checked_hard(hard: bool, label: str) -> bool:
 
 
 def _number(value: float, quantity: str, allowed: str, infinite: bool) -> float:
+    """Return a number above zero as a float."""
     number = as_real(value)
     if not number > 0 or (math.isinf(number) and not infinite):
         raise InvalidValueError(quantity, shown(value), allowed)
@@ -327,7 +327,7 @@ def _number(value: float, quantity: str, allowed: str, infinite: bool) -> float:
 
 
 def as_targets(value: ArrayLike, quantity: str, shape: tuple[int | None, ...]) -> Array:
-    """Convert to one target of a shape, or to N of them, shape (N, ...), for `solve_batch`.
+    """Convert to one target of a shape, or to N targets, shape (N, ...), for `solve_batch`.
 
     Raises:
         InvalidValueError: for another shape, NaN or infinity.
@@ -350,20 +350,20 @@ def as_targets(value: ArrayLike, quantity: str, shape: tuple[int | None, ...]) -
 
 
 def words_for_length(value: float) -> str:
-    """Return a length [m] in meters, centimeters or millimeters: "4.2 cm"."""
+    """Return a length [m] as text in meters, centimeters or millimeters: "4.2 cm"."""
     if value >= 1.0:
         return f"{value:.2f} m"
     return f"{100 * value:.1f} cm" if value >= 0.01 else f"{1000 * value:.2g} mm"
 
 
 def words_for_angle(value: float) -> str:
-    """Return an angle [rad] in degrees: "12.3 deg"."""
+    """Return an angle [rad] as text in degrees: "12.3 deg"."""
     degrees = math.degrees(value)
     return f"{degrees:.1f} deg" if degrees >= 1.0 else f"{degrees:.2g} deg"
 
 
 def words_for(value: float, unit: str) -> str:
-    """Return an amount with its unit: a length and an angle in the unit that suits it."""
+    """Return an amount as text with its unit; lengths and angles in a suitable unit."""
     if unit in ("m", "rad"):
         return words_for_length(value) if unit == "m" else words_for_angle(value)
     return f"{value:.3g} {unit}".rstrip()
@@ -379,7 +379,7 @@ def words_for_turn(vector: Array, axes: str = "the world's axes") -> str:
 
     Args:
         vector: Rotation vector, shape (3,) [rad].
-        axes: The axes that its components are along.
+        axes: Name of the axes of the components.
 
     Returns:
         Text such as "(1.0, 2.0, 3.0) deg about the world's axes", or "less than 0.1 deg".
