@@ -1,6 +1,7 @@
-"""What all benchmarks share: registration, options, turns of ours and of peers, one Markdown table.
+"""Common parts of benchmarks: registration, options, runs in turn with peers, one Markdown table.
 
-A benchmark is a generator under `@figures(page)`.  Its parameters are the options of its command, its
+A benchmark is a generator under `@figures(page)`.  Its parameters are the options of its command; it yields
+the lines and the table rows that `show` prints.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ ROBOTS = {
 
 @dataclass(frozen=True)
 class Figures:
-    """A registered benchmark: function, page in `docs/`, what it needs, and options for a glance."""
+    """A registered benchmark: function, page in `docs/`, its requirements, and options for a quick run."""
 
     make: Callable[..., Iterable[tuple | str] | None]
     page: str
@@ -52,7 +53,7 @@ REGISTERED: dict[str, Figures] = {}
 
 
 def figures(page: str, needs: str = "", **quick: Any) -> Callable:
-    """Register a function under its name; `quick` are its smallest sizes, which `--quick` takes."""
+    """Register a function under its name; `quick` holds its smallest sizes, which `--quick` uses."""
 
     def register(make: Callable) -> Callable:
         REGISTERED[make.__name__] = Figures(make, page, needs, quick)
@@ -62,7 +63,7 @@ def figures(page: str, needs: str = "", **quick: Any) -> Callable:
 
 
 def listed() -> dict[str, tuple[str, str, str]]:
-    """Return module, page and needs of each benchmark, by its name, without importing any."""
+    """Return module, page and requirements of each benchmark by name, without importing any."""
     found = {}
     for file in sorted(Path(__file__).parent.glob("*.py")):
         for node in ast.parse(file.read_text("utf-8")).body:
@@ -74,7 +75,7 @@ def listed() -> dict[str, tuple[str, str, str]]:
 
 
 def options_of(name: str, words: list[str]) -> dict[str, Any]:
-    """Return the options of a benchmark that the words of its command name, or end with a message."""
+    """Return the options of a benchmark from the words of its command, or exit with a message."""
     importlib.import_module(listed()[name][0])
     one = REGISTERED[name]
     parser = argparse.ArgumentParser(
@@ -121,7 +122,7 @@ def run(name: str, words: list[str]) -> None:
 
 
 def show(rows: Iterable[tuple | str]) -> None:
-    """Print rows as Markdown, each as soon as it is there."""
+    """Print rows as Markdown, each as soon as it is available."""
     head: str | None = ""
     for row in rows:
         if isinstance(row, str):
@@ -150,7 +151,7 @@ def both_clocks() -> np.ndarray:
 
 
 class Times(defaultdict):
-    """Seconds that calls took, by name: `answer = times("plan", function, ...)`."""
+    """Times of calls by name [s]: `answer = times("plan", function, ...)`."""
 
     def __init__(self, clock: Callable[[], float] = time.process_time) -> None:
         super().__init__(list)
@@ -172,7 +173,7 @@ class Times(defaultdict):
 def timed(
     function: Callable, *arguments: Any, clock: Callable[[], float] = time.process_time, **options: Any
 ):
-    """Return what a call returns, and its time [s]."""
+    """Return the result of a call, and its time [s]."""
     begin = clock()
     found = function(*arguments, **options)
     return found, clock() - begin
@@ -181,7 +182,7 @@ def timed(
 def in_turn(
     jobs: dict[str, Callable[[], object]], rounds: int, clock: Callable[[], float] = time.process_time
 ) -> dict[str, np.ndarray]:
-    """Return times of jobs, taken in turn, after each has run once [s], shapes (rounds,) or (rounds, 2)."""
+    """Return times of jobs run in turn, after one untimed run each [s], shapes (rounds,) or (rounds, 2)."""
     times = Times(clock)
     for job in jobs.values():
         job()
@@ -192,7 +193,7 @@ def in_turn(
 
 
 class Served:
-    """A process of another interpreter that answers each line of JSON with one; it may greet with one."""
+    """A process of another interpreter that answers each JSON line with one; it may send one first."""
 
     def __init__(self, *command: object, **options: Any) -> None:
         self._errors = tempfile.TemporaryFile("w+")  # noqa: SIM115 - open as long as the process
@@ -222,7 +223,7 @@ class Served:
 
 
 def peer(make: Callable, *arguments: Any, **options: Any) -> Any:
-    """Return a peer, or None, with a message, where it is not there."""
+    """Return a peer, or None, with a printed message, if it is not available."""
     try:
         return make(*arguments, **options)
     except (ImportError, RuntimeError, OSError) as error:
@@ -231,7 +232,7 @@ def peer(make: Callable, *arguments: Any, **options: Any) -> Any:
 
 
 def python(code: str, *words: str, **variables: str) -> str:
-    """Return what a new process of this interpreter prints, or fail as it does."""
+    """Return the output of a new process of this interpreter; raise if the process fails."""
     done = subprocess.run(
         [sys.executable, "-c", code, *words], env=os.environ | variables, stdout=subprocess.PIPE, text=True,
         check=True,
@@ -240,7 +241,7 @@ def python(code: str, *words: str, **variables: str) -> str:
 
 
 def example_robot(name: str) -> Any:
-    """Return a robot of example-robot-data, or Pepper."""
+    """Return a robot of example-robot-data by name, or Pepper."""
     import pepper_kin as pk
 
     if name == "pepper":
@@ -252,16 +253,16 @@ def example_robot(name: str) -> Any:
 
 @cache
 def table() -> Any:
-    """Return a scene of the table that most benchmarks reach over."""
+    """Return a scene with the table over which most benchmarks reach."""
     import pepper_kin as pk
 
     return pk.Scene().add_box("table", (0.40, 0.80, 0.03), (0.47, 0.05, 0.715))
 
 
 def laid_out(commit: str | None, folder: Path, *names: str) -> Path:
-    """Lay the package, or what is named, out in a folder: as a commit has it, or, the package, as it is here.
+    """Write the package, or the named paths, of a commit into a folder, or the package of this work tree.
 
-    The package is laid out as a wheel does.
+    The package has the layout of a wheel.
     """
     places = dict.fromkeys(names, "") or {"pepper_kin": "", "planners": "pepper_kin/", "urdf": "pepper_kin/"}
     for name, place in places.items():
@@ -276,5 +277,5 @@ def laid_out(commit: str | None, folder: Path, *names: str) -> Path:
 
 
 def pairs(rows: Any) -> list:
-    """Return the first and second, third and fourth, ... of rows."""
+    """Return successive pairs of rows: first and second, third and fourth, ..."""
     return list(zip(rows[::2], rows[1::2], strict=False))

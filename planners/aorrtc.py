@@ -1,4 +1,4 @@
-"""AORRTC: a first path quickly, and then shorter and shorter ones.
+"""AORRTC, an anytime planner: a first path quickly, then ever shorter ones.
 
 Sources: T. S. Wilson, W. Thomason, Z. Kingston and J. D. Gammell, AORRTC: Almost-surely asymptotically
 optimal planning with RRT-Connect, IEEE Robotics and Automation Letters 10(12), 2025; K. Hauser and Y. Zhou,
@@ -29,30 +29,34 @@ from .tree_growth import first_round, grow
 from .vectors import positive_number, seed_number, whole_number
 
 _UNLIMITED = 2**62
-_LEAST_TIME = 1e-9  # [s]; a budget is above zero
+_LEAST_TIME = 1e-9  # minimum budget [s], since a budget must be above zero
 
-# Rounds of the search: samples of one; the part of them that stay near the straight line, by how much the
-# ellipsoid around it is longer (as a part of the line), and how that changes; their samples as a multiple of
-# what a path took on average, the least, how much the last path counts, and by how much more that becomes
-# where none is found; and for the others the bound on the path as a multiple of the best length.
+# Rounds of the search.  Number of samples of one round: minimum, maximum, multiple of the first path's.  For
+# rounds in the whole box, the bound on the path as a multiple of the best length: at first, minimum, maximum,
+# and its factor after a path found soon, found late, and not found.
 _LEAST_ROUND, _MOST_ROUND, _OF_FIRST = 8_000, 64_000, 2
 _FACTOR, _LEAST_FACTOR, _MOST_FACTOR, _AFTER_SOON, _AFTER_LATE, _AFTER_NONE = 4.0, 1.1, 16.0, 0.95, 1.05, 1.3
-_SOON = 0.25  # of a round
+_SOON = 0.25  # fraction of a round within which a path counts as found soon
+# Rounds near the straight line: their fraction of all rounds; excess length of the ellipsoid relative to the
+# line at first, minimum, maximum, and its factors after a round with and without a path.
 _NEAR, _WIDTH, _LEAST_WIDTH, _MOST_WIDTH, _NARROWER, _WIDER = 0.8, 4.0, 0.02, 64.0, 0.75, 1.1
+# Number of their samples: multiple of the mean number that a path took, minimum, weight of the last path in
+# that mean, and factor on the mean where no path is found.
 _OF_USED, _LEAST_NEAR, _WEIGHT, _LONGER = 2.0, 500, 0.3, 1.3
-_JITTER = 0.5  # of the width, in its logarithm
+_JITTER = 0.5  # random variation of the logarithm of the ellipsoid's excess length
 _STREAM = 2
-_EXACT_EVERY = 32  # rounds; one of these is bounded by the best length itself
+_EXACT_EVERY = 32  # rounds: one in so many is bounded by the best length itself
 
-# Short-cuts of paths: attempts up to the first stage, and by what factor each stage has more attempts in all
-# and fewer paths than the one before.
-_PLAIN, _FIRST_STAGE, _STAGE_FACTOR = 60, 400, 4  # the first ones need no detours yet
-_FIRST_GAIN, _FIRST_POLISH = 8e-3, 4e-4  # of the length: less is passed over at first, to save checks
+# Short-cuts of paths: attempts without detours, attempts up to the first stage, and the factor by which each
+# stage has more attempts in all and fewer paths than the stage before.
+_PLAIN, _FIRST_STAGE, _STAGE_FACTOR = 60, 400, 4
+# Minimum gain of the first short-cuts of a path and of the best path, relative to the length: saves checks.
+_FIRST_GAIN, _FIRST_POLISH = 8e-3, 4e-4
 _POLISH = 1600  # attempts to shorten the best path at once
-_MOST_WAITING = 64  # paths of a stage that are kept
-_LAST_PART = 0.15  # of the time, for the best path alone
-_FINER = 2  # short-cuts graze obstacles, so they are checked more closely than the edges of trees
-_HISTORY_STEP = 1e-4  # part of the cost: smaller gains share an entry of the history
+_MOST_WAITING = 64  # maximum number of waiting paths of a stage
+_LAST_PART = 0.15  # fraction of the time, at its end, for the best path alone
+_FINER = 2  # factor of finer checks of short-cuts than of tree edges, since short-cuts graze obstacles
+_HISTORY_STEP = 1e-4  # gains below this ratio of the cost share an entry of the history
 
 
 def aorrtc(
@@ -69,31 +73,31 @@ def aorrtc(
 
     RRT-Connect finds a first path, if none is given.  Then rounds follow.  In each, two new trees grow as in
     `rrt_connect`, but store the cost of every node: a sample is drawn where a path through it can be short
-    enough; a tree is extended towards it from the nearest node that leads there at a cost drawn between the
-    least possible and the greatest of use; a new node may change its parent for a cheaper one; and the trees
-    meet only where the whole path is below a bound.  What is found is shortened (`shortcut` with detours),
-    the more, the better it turns out beside other paths; most of the time goes into that.
+    enough; a tree is extended towards the sample from the nearest node that reaches it at a cost drawn
+    between the minimum possible and the maximum of use; a new node may change its parent for a cheaper one;
+    and the trees meet only where the whole path is below a bound.  Paths are shortened (`shortcut` with
+    detours), good ones more than others; most of the time goes into that.
 
     It runs as machine code.  A validity checker that is a Python callable is called back from there, which
     gives the same result, later.  Edges are checked at the problem's resolution.  Short paths graze
     obstacles: let the checker keep a margin.
 
     Args:
-        problem: What to plan.  Where goals are drawn by a sampler, those drawn for the first path stay.
-        path: A valid path to begin with, which is not checked again; it may begin and end elsewhere than the
-            problem says.  Then its start counts, and its end is one more goal.
+        problem: The problem.  If a sampler draws goals, the goals drawn for the first path are kept.
+        path: A valid initial path, which is not checked again.  Its ends may differ from the problem's: its
+            start is used, and its end is one more goal.
         seed: Seed of all random choices.
         timeout: Time budget [s]; all of it is used unless the path becomes short enough.
-        max_iterations: Greatest number of samples.  Without it the time budget decides, and the result
+        max_iterations: Maximum number of samples.  Without it the time budget decides, and the result
             depends on the speed of the machine.
-        gap: Stop where the length is at most ``1 + gap`` times the straight line to the nearest goal, the
-            lower bound; None or 0: where it is the straight line.
-        step: Greatest length of an extension [length unit of the metric]; a tenth of the box's diagonal if
+        gap: Stop once the length is at most ``1 + gap`` times the straight line to the nearest goal, the
+            lower bound; None or 0: once it is the straight line.
+        step: Maximum length of an extension [length unit of the metric]; a tenth of the box's diagonal if
             omitted.
 
     Returns:
-        The result, with the history of costs, the lower bound and why it stopped; without a path its status
-        says why.  With a path given it is never longer than that.
+        The result, with the history of costs, the lower bound and the reason to stop; without a path its
+        status says why.  Its path is never longer than a path given.
 
     Raises:
         InvalidValueError: The path has another number of coordinates, an option is not allowed, or the
@@ -157,8 +161,8 @@ class _Stage:
     """Paths that have had the same number of short-cuts.
 
     Attributes:
-        lengths: Of all of them, rising.
-        waiting: Those that have not gone on to the next stage, as length, number, path and goal, best first.
+        lengths: Lengths of all paths that reached the stage, in ascending order.
+        waiting: Paths that have not gone on to the next stage, as (length, number, path, goal), best first.
     """
 
     def __init__(self) -> None:
@@ -172,7 +176,7 @@ class _Stage:
         del self.waiting[_MOST_WAITING:]
 
     def best(self, least: int) -> tuple[float, int, Path, int] | None:
-        """Take out the best path that waits if it may go on: one of the best quarter, or the best few."""
+        """Remove and return the best waiting path if it is in the best quarter or among the best `least`."""
         if not self.waiting:
             return None
         rank = bisect_left(self.lengths, self.waiting[0][0])
@@ -180,24 +184,25 @@ class _Stage:
 
 
 class _BestPath:
-    """The best path so far, and how it is made shorter.
+    """The best path so far, and the search for shorter ones.
 
-    Where two paths pass obstacles on different sides, short-cuts lead neither to the other, and which is the
-    shorter is seen only after many of them.  So paths are searched again and again, and they compete: all
-    are shortened a little, the best quarter of them four times as much, the best quarter of those again four
-    times as much, and so on (L. Li et al., A system for massively parallel hyperparameter tuning, MLSys 2020:
-    asynchronous successive halving).  Where time counts, the first short-cuts pass over small gains, which
-    cost as many checks as large ones.
+    Where two paths pass obstacles on different sides, short-cuts do not turn one into the other, and only
+    many short-cuts show which is shorter.  So paths are searched repeatedly and compete: all are shortened a
+    little, the best quarter four times as much, the best quarter of that quarter again four times as much,
+    and so on (L. Li et al., A system for massively parallel hyperparameter tuning, MLSys 2020: asynchronous
+    successive halving).  Where time counts, the first short-cuts skip small gains, which cost as many checks
+    as large ones.
 
-    Short-cuts save most of a new path, but seldom lead from one way around to another, so nearly all rounds
-    search with no bound or a generous one.  Four in five draw samples near the straight line, from the
-    ellipsoid of the states through which paths up to a length lead.  It becomes narrower where a round finds
-    a path and wider where it does not, so that what is found lies as near to the straight line as the time of
-    a round allows; it may well be narrower than the best path, since the shortest one may be.  Such a round
-    ends after twice the samples that a path took on average, or most of the time would go into rounds that
-    find none.  The others draw from all of the box and bound the path by a multiple of the best length, which
-    falls and rises in the same way.  One in 32 is AORRTC itself: its bound is the best length, and its size
-    follows Luby's sequence.  These make the length tend to that of the shortest path with probability one.
+    Short-cuts save most of a new path, but seldom lead to another side of an obstacle, so nearly all rounds
+    search without a bound or with a generous one.  Four in five rounds draw samples near the straight line,
+    from the ellipsoid of the states through which paths up to a length lead.  The ellipsoid becomes narrower
+    after a round that finds a path and wider after one that does not, so that paths lie as near to the
+    straight line as the time of a round allows; it may be narrower than the best path, since the shortest
+    path may be.  Such a round ends after twice the samples that a path took on average, or most of the time
+    would go into rounds without a path.  Other rounds draw from the whole box and bound the path by a
+    multiple of the best length, which falls and rises in the same way.  One round in 32 is AORRTC itself: its
+    bound is the best length, and its size follows Luby's sequence.  AORRTC's rounds make the length converge
+    to the minimum with probability one.
     """
 
     def __init__(self, problem: Problem, search: Search, deadline: Deadline, seed: int, gap: float) -> None:
@@ -219,7 +224,7 @@ class _BestPath:
 
     @property
     def stop_reason(self) -> StopReason:
-        """Why no more is done."""
+        """Reason why the search stopped."""
         if self._short_enough:
             return StopReason.GAP_REACHED
         return StopReason.TIME_UP if self._deadline.expired else StopReason.ITERATIONS_USED
@@ -276,8 +281,8 @@ class _BestPath:
         """Search a path near the straight line, in an ellipsoid that adapts; return whether there is one.
 
         Args:
-            size: Greatest number of samples; less where paths take less.
-            number: Of the round, for its random numbers.
+            size: Maximum number of samples; fewer if paths take fewer.
+            number: Index of the round, for its random numbers.
         """
         width = self._width * math.exp(_JITTER * (2.0 * uniform(self._key, 2 * number + 1) - 1.0))
         self._used = min(self._used, size / _OF_USED)
@@ -292,7 +297,7 @@ class _BestPath:
         return found
 
     def _promote(self) -> bool:
-        """Shorten one of the best paths of a stage on to the next; return whether there was any."""
+        """Shorten one of the best paths of a stage up to the next stage; return whether there was one."""
         for k in reversed(range(len(self._stages))):
             entry = self._stages[k].best(1 if k == 0 else 0)
             if entry is not None:
@@ -310,7 +315,7 @@ class _BestPath:
         if stage == len(self._stages):
             self._stages.append(_Stage())
         self.offer(path, goal)
-        if len(path) > 2:  # what is straight cannot become shorter
+        if len(path) > 2:  # a straight edge cannot become shorter
             self._stages[stage].add(path, self._calls, goal)
 
     def _shortened(self, path: Path, attempts: int, gain: float, *, detours: bool = True) -> Path:
@@ -323,7 +328,7 @@ class _BestPath:
         )  # fmt: skip
 
     def offer(self, path: Path, goal: int) -> None:
-        """Take a path if it is the best so far, and valid edge by edge: short-cuts leave parts of others."""
+        """Keep a path if it is the best so far and valid edge by edge: short-cuts may leave partial edges."""
         if path.length >= self.best.length or not self._search.is_valid(path.points):
             return
         self.best, self.goal = path, goal

@@ -50,24 +50,24 @@ from .tree import (
 )
 from .vectors import FloatArray, positive_number, read_only, seed_number
 
-SIZE = OWN_COUNTERS  # of the counters: pieces of a path that is shortened
+SIZE = OWN_COUNTERS  # index of the counter for the number of pieces of the path that is shortened
 
-_REACH = 6.0  # longest extension, in turning radii
-_STRIDE = 16  # states of a curve that are looked at first
-_LEAST_GAIN = 0.01  # of the length: what a short-cut has to save
-_SHORTCUTS = 400
-_LEAST_PIECE = 1e-12  # [m]: what is shorter comes from rounding
+_REACH = 6.0  # maximum length of an extension, in turning radii
+_STRIDE = 16  # stride in states of each pass over a curve: far-apart states are checked first
+_LEAST_GAIN = 0.01  # minimum ratio of the length that a short-cut has to save
+_SHORTCUTS = 400  # number of attempts
+_LEAST_PIECE = 1e-12  # length below which a piece comes from rounding [m]
 _STREAM = 0xCA2
 
 
 class Car(NamedTuple):
-    """How a car turns.
+    """Kinematics of a car, and the metric along its curves.
 
     Attributes:
-        radius: Least turning radius [m].
-        backward: Whether it goes backward too.
-        rate: Length of a curve in the metric, for each meter of it, at most.
-        reach: Longest extension [m].
+        radius: Minimum turning radius [m].
+        backward: Whether the car drives backward too.
+        rate: Maximum length in the metric of one meter of a curve [length unit of the metric / m].
+        reach: Maximum length of an extension [m].
     """
 
     radius: float
@@ -78,7 +78,7 @@ class Car(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class CarResult(Result):
-    """The outcome of `car_connect`; its `path` is None, and `cost` is infinite.
+    """Result of `car_connect`; its `path` is None, and `cost` is infinite.
 
     Attributes:
         curve: The path from the start to a goal, of any number of pieces; None unless solved.
@@ -98,18 +98,19 @@ def car_connect(
     """Search a path of a car, and shorten it.
 
     Args:
-        problem: Of three coordinates, x, y [m] and yaw [rad]; yaw is not bounded, and goals are met up to
-            full turns.
-        radius: Least turning radius [m].
-        backward: Whether the car goes backward too (Reeds and Shepp), or forward only (Dubins).
+        problem: A problem of three coordinates, x, y [m] and yaw [rad]; yaw is not bounded, and goals are met
+            up to full turns.
+        radius: Minimum turning radius [m].
+        backward: Whether the car drives backward too (Reeds and Shepp), or forward only (Dubins).
         seed: Seed of the samples; the same seed gives the same path unless time runs out.
         timeout: Time budget [s], short-cuts included.
 
     Returns:
-        The result; valid at the problem's resolution.
+        The result; its curve is valid at the problem's resolution.
 
     Raises:
-        InvalidValueError: The problem has not three coordinates or draws its goals, or an option is wrong.
+        InvalidValueError: The problem does not have three coordinates, its goals are drawn by a sampler, or
+            an option is wrong.
     """
     load_code(grow_car, shorten_car, add_node, trace)
     deadline, radius = Deadline(timeout), positive_number("radius", radius)
@@ -135,7 +136,7 @@ def car_connect(
 def _searched(
     problem: Problem, space: SearchSpace, car: Car, trees: Trees, key: np.uint64, deadline: Deadline
 ) -> tuple[Status, CarCurve | None, int | None, FloatArray | None]:
-    """Return how it ended, the path, its goal, and some nodes of the smaller tree where there is none."""
+    """Return the status, the path, its goal's index, and without a path some nodes of the smaller tree."""
     start, goals, counters = problem.start.copy(), problem.goals.copy(), trees.counters
     if last_valid_step(space, start, start, 1, counters) != 1:
         return Status.START_INVALID, None, None, None
@@ -159,6 +160,7 @@ def _searched(
 
 
 def _path(trees: Trees, car: Car) -> tuple[CarCurve, int]:
+    """Return the curve through the nodes that join the trees, and the index of its goal."""
     ends, goal = traced(trees)
     curves = [car_curve(a, b, car.radius, backward=car.backward) for a, b in itertools.pairwise(ends)]
     turns, lengths = (np.concatenate([getattr(one, name) for one in curves]) for name in ("turns", "lengths"))
@@ -168,7 +170,7 @@ def _path(trees: Trees, car: Car) -> tuple[CarCurve, int]:
 def _shortened(
     space: SearchSpace, car: Car, curve: CarCurve, counters: Ints1, deadline: Deadline, key: np.uint64
 ) -> CarCurve:
-    """Replace parts of a path by single curves that are shorter and free."""
+    """Return a path, parts of which are replaced by single curves that are shorter and free."""
     count = curve.lengths.size
     spare = np.zeros((3, 2, count + (PIECES + 2) * _SHORTCUTS))
     spare[0, :, :count] = curve.segments
@@ -180,7 +182,7 @@ def _shortened(
 
 @compiled
 def _cut(source: Floats2, count: int, begin: float, end: float, target: Floats2, place: int) -> int:
-    """Write the pieces between two lengths along a path behind those that are there; return their number."""
+    """Append the pieces between two lengths along a path to `target`; return the new number of pieces."""
     passed = 0.0
     for k in range(count):
         length = abs(source[1, k])
@@ -207,12 +209,12 @@ def shorten_car(
 
     Args:
         space: Box, metric and validity.
-        car: How the car turns.
-        start: Where the path begins.
+        car: Kinematics of the car.
+        start: Start pose of the path (x, y, yaw) [m, m, rad], shape (3,).
         spare: The path's counters[SIZE] pieces, then memory for as many more and for a curve, shape (3, 2,
             m).
-        counters: Of the planner.
-        key: Of the stream of random numbers.
+        counters: Counters of the planner.
+        key: Key of the stream of random numbers.
         seconds: Time budget [s].
     """
     clock, a, b, short = np.empty(2, np.int64), np.empty(3), np.empty(3), spare[2]
@@ -249,11 +251,11 @@ def curve_is_free(
 
     Args:
         space: The space.
-        car: How the car turns.
-        a: Where the curve begins.
-        segments: See `car_curves`.
-        length: How much of the curve is looked at [m].
-        counters: Of the planner.
+        car: Kinematics of the car.
+        a: Start pose of the curve (x, y, yaw) [m, m, rad], shape (3,).
+        segments: Turns and signed lengths [m], shape (2, k).
+        length: Length of the part of the curve that is checked [m].
+        counters: Counters of the planner.
     """
     pose, steps = np.empty(3), max(1, math.ceil(length * car.rate / space.resolution))
     for first in range(_STRIDE, 0, -1):
@@ -269,7 +271,7 @@ def curve_is_free(
 
 @compiled
 def _nearest(trees: Trees, car: Car, side: int, target: Floats1, segments: Floats2) -> int:
-    """Return the node from which the curve to a pose (or to which that from it) is shortest."""
+    """Return the node with the shortest curve to a pose or, in the tree of the goals, from the pose."""
     best, found = math.inf, -1
     for k in range(trees.counters[START_SIZE + side]):
         node = trees.states[side, k]
@@ -304,11 +306,11 @@ def grow_car(
 
     Args:
         space: Box, metric and validity.
-        car: How the car turns.
+        car: Kinematics of the car.
         trees: The trees.
         curves: Memory for two curves, shape (2, 2, PIECES).
         seconds: Time budget [s].
-        key: Of the stream of random numbers.
+        key: Key of the stream of random numbers.
 
     Returns:
         FOUND (counters[START_NODE] and counters[GOAL_NODE] are joined by a curve), TIME_UP or FULL.
@@ -324,7 +326,7 @@ def grow_car(
         number = counters[ITERATIONS]
         counters[ITERATIONS] += 1
         side = 0 if counters[START_SIZE] <= counters[GOAL_SIZE] else 1
-        if number > 0:  # first of all, the curves between the roots
+        if number > 0:  # the first iterations try the curves between the roots
             for i in range(2):
                 sample[i] = space.lower[i] + space.extent[i] * uniform(key, 3 * number + i)
             sample[2] = math.pi * (2.0 * uniform(key, 3 * number + 2) - 1.0)

@@ -1,6 +1,6 @@
 """Shortest curves of a car on the plane: forward only (Dubins), or forward and backward (Reeds and Shepp).
 
-A pose is (x, y, yaw).  The car goes where it points, on arcs of no less than a turning radius.
+A pose is (x, y, yaw).  The car drives along its heading, on arcs whose radius is at least the turning radius.
 
 Sources: L. E. Dubins, On curves of minimal length with a constraint on average curvature, American J. of
 Mathematics 79, 1957; J. A. Reeds and L. A. Shepp, Optimal paths for a car that goes both forwards and
@@ -23,13 +23,13 @@ from pepper_kin.kernels.signatures import Floats1, Floats2
 from .vectors import FloatArray, finite_vector, positive_number, read_only, real_numbers
 
 PIECES = 5
-"""Most pieces of a shortest curve."""
+"""Maximum number of pieces of a shortest curve."""
 
 LEFT, STRAIGHT, RIGHT = 1.0, 0.0, -1.0
 
 _HALF = 0.5 * math.pi
 _TINY = 1e-10
-"""Angles and squares below zero by less than this come from rounding."""
+"""Tolerance for rounding: angles and squares below zero by less count as zero."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +39,7 @@ class CarCurve:
     Attributes:
         start: (x, y, yaw) [m, m, rad], shape (3,).
         turns: 1 for a left turn, -1 for a right one, 0 for straight on, shape (k,).
-        lengths: Of the pieces [m], below zero where the car goes backward, shape (k,).
+        lengths: Lengths of the pieces [m], negative where the car drives backward, shape (k,).
         radius: The turning radius [m].
     """
 
@@ -80,7 +80,7 @@ class CarCurve:
 
     @property
     def segments(self) -> FloatArray:
-        """Turns and lengths as machine code takes them, shape (2, k)."""
+        """Turns and lengths [m] of the pieces for machine code, shape (2, k)."""
         return np.ascontiguousarray(np.stack([self.turns, self.lengths]))
 
     def part(self, begin: float, end: float) -> CarCurve:
@@ -105,8 +105,8 @@ def car_curve(start: ArrayLike, end: ArrayLike, radius: float, *, backward: bool
 
     Args:
         start: (x, y, yaw) [m, m, rad], shape (3,).
-        end: The same; its yaw is met up to full turns.
-        radius: The least turning radius [m].
+        end: (x, y, yaw) [m, m, rad], shape (3,); its yaw is met up to full turns.
+        radius: Minimum turning radius [m].
         backward: Whether the car may go backward too.
 
     Raises:
@@ -127,7 +127,7 @@ def _wrapped(angle: float) -> float:
 
 @compiled
 def _turned(angle: float) -> float:
-    """Return an angle in [0, 2 pi); what is below zero by rounding is zero."""
+    """Return an angle in [0, 2 pi); an angle below zero by rounding becomes zero."""
     rest = angle - 2.0 * math.pi * math.floor(angle / (2.0 * math.pi))
     return 0.0 if rest > 2.0 * math.pi - _TINY else rest
 
@@ -209,7 +209,7 @@ def _both_ways_words(
     segments: Floats2,
     capacity: Floats2,
 ) -> float:
-    """Try the words of Reeds and Shepp that begin forward to the left and need no turning round."""
+    """Try the words of Reeds and Shepp that begin forward to the left and whose reversal is no new word."""
     turns, values = capacity[0], capacity[1]
     xi, eta = x - math.sin(phi), y - 1.0 + math.cos(phi)
     far, theta = math.hypot(xi, eta), math.atan2(eta, xi)
@@ -315,10 +315,10 @@ def shortest_curve(a: Floats1, b: Floats1, radius: float, backward: bool, segmen
 
     Args:
         a: (x, y, yaw) [m, m, rad].
-        b: The same.
+        b: (x, y, yaw) [m, m, rad].
         radius: Turning radius [m].
         backward: Whether the car may go backward too.
-        segments: Turns and signed lengths [m], shape (2, PIECES); those that are not needed have no length.
+        segments: Turns and signed lengths [m], written, shape (2, PIECES); unused pieces have length 0.
     """
     dx, dy, c, s = (b[0] - a[0]) / radius, (b[1] - a[1]) / radius, math.cos(a[2]), math.sin(a[2])
     x, y, phi = c * dx + s * dy, c * dy - s * dx, _wrapped(b[2] - a[2])
@@ -341,10 +341,10 @@ def shortest_curve(a: Floats1, b: Floats1, radius: float, backward: bool, segmen
 
 @compiled("void(float64[::1], float64[:, ::1], float64, float64, float64[::1])")
 def pose_on_curve(a: Floats1, segments: Floats2, radius: float, s: float, pose: Floats1) -> None:
-    """Write the pose at a length along a curve; yaw is that of the start plus all turns.
+    """Write the pose at a length along a curve; its yaw is the yaw of the start plus all rotations.
 
     Args:
-        a: Where the curve begins, (x, y, yaw) [m, m, rad].
+        a: Start pose of the curve (x, y, yaw) [m, m, rad].
         segments: Turns and signed lengths [m], shape (2, k).
         radius: Turning radius [m].
         s: Length from the beginning [m]; the curve's end where it is longer.

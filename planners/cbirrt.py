@@ -54,18 +54,19 @@ from .tree import (
 from .vectors import BoolArray, FloatArray, seed_number, whole_number
 
 _ON_MANIFOLD = 1.0 + 1e-9
-_MOST_STEPS = 20_000  # of a walk
-_LONGEST = 4.0  # of the diagonal: length of a walk of whole steps
-_SHUT_IN_SAMPLES, _SHUT_IN_NODES, _SHUT_IN_RATE = 1000, 10, 0.002  # from, below, or below, for each sample
+_MOST_STEPS = 20_000  # maximum number of steps of a walk
+_LONGEST = 4.0  # length of a walk of whole steps, relative to the box's diagonal
+# A tree is shut in if it has drawn at least so many samples, and has fewer nodes, or fewer nodes per sample.
+_SHUT_IN_SAMPLES, _SHUT_IN_NODES, _SHUT_IN_RATE = 1000, 10, 0.002
 
 
 class WalkWorkspace(NamedTuple):
-    """Where walks are written, and what is counted.
+    """Memory for walks, and counters.
 
     Attributes:
-        chain: States of a walk, which it has at most, shape (k, n).
-        current: The state that the walk has come to, shape (n,).
-        counters: See `search_space.last_valid_step`; those of the trees where there are any.
+        chain: States of a walk, at most k, shape (k, n).
+        current: Current state of the walk, shape (n,).
+        counters: Counters, see `search_space.last_valid_step`; the counters of the trees if there are any.
     """
 
     chain: Floats2
@@ -83,11 +84,10 @@ def cbirrt(
 ) -> Result:
     """Search a path all of whose states meet constraints.
 
-    As `rrt_connect`, but trees grow along the manifold: in straight steps towards a sample, no longer than
-    the problem's resolution, each moved back onto the manifold by a projection.  A step that the projection
-    moves by more than its own length, or whose middle leaves the tolerance, is tried again with half the
-    length.
-    First of all the walk from the start straight to each goal is tried.
+    Two trees grow as in `rrt_connect`, but along the manifold: in straight steps towards a sample, no longer
+    than the problem's resolution, each moved back onto the manifold by a projection.  A step that the
+    projection moves by more than its own length, or whose middle leaves the tolerance, is tried again with
+    half the length.  The first attempt is the walk from the start straight to each goal.
 
     Source: D. Berenson, S. Srinivasa, D. Ferguson and J. Kuffner, Manipulation planning on constraint
     manifolds, ICRA 2009 (CBiRRT), and J. J. Kuffner and S. M. LaValle, RRT-Connect, ICRA 2000.
@@ -96,18 +96,18 @@ def cbirrt(
     back from there, state by state.
 
     Args:
-        problem: What to plan; with goals, not with a sampler of them.
+        problem: The problem; with goals, not with a sampler of goals.
         manifold: The constraints.
         seed: Seed of the samples; the same seed gives the same result, however loaded the machine is, unless
             time runs out.
         timeout: Time budget [s]; overrun by one step and its check.
-        max_iterations: Greatest number of samples.
+        max_iterations: Maximum number of samples.
 
     Returns:
         The result.  Neighboring way-points of its path are no further apart than the resolution; they meet
-        the constraints to half the tolerances (start and goal to the whole), and so do the middles between
-        them to the whole.  `residual` is the largest error found, as a multiple of its tolerance: of the
-        way-points, or of an end that is off the manifold.
+        the constraints to half the tolerances (start and goal to the whole tolerances), and the midpoints
+        between them to the whole tolerances.  `residual` is the maximum error of the way-points, or of an end
+        that is off the manifold, as a multiple of its tolerance.
 
     Raises:
         InvalidValueError: An option is not allowed, the manifold has another number of coordinates, or a
@@ -148,7 +148,7 @@ def require_fit(problem: Problem, manifold: ConstraintManifold) -> None:
 
 
 def _off_manifold(problem: Problem, manifold: ConstraintManifold) -> tuple[Status | None, float]:
-    """Return whether an end is off the manifold, and its error as a multiple of its tolerance."""
+    """Return the status if an end is off the manifold, else None, and its error relative to the tolerance."""
     start = manifold.worst(problem.start[None])
     if start > _ON_MANIFOLD:
         return Status.START_OFF_MANIFOLD, start
@@ -159,9 +159,9 @@ def _off_manifold(problem: Problem, manifold: ConstraintManifold) -> tuple[Statu
 
 
 class _Candidate(NamedTuple):
-    """The end of a search; points, shape (k, n), and the goal are None unless it is solved.
+    """Result of a search; points, shape (k, n), and the goal are None unless it is solved.
 
-    Where trees have grown in vain, their sizes and some nodes of the smaller one are returned.
+    If trees have grown without a path, it holds their sizes and some nodes of the smaller one.
     """
 
     status: Status
@@ -203,7 +203,7 @@ def _search(
 
 
 def _failed(trees: Trees, late: bool) -> _Candidate:
-    """Return how a search ended that found nothing; an end whose tree hardly grew is shut in."""
+    """Return the candidate of a search without a path; an end whose tree hardly grew is shut in."""
     samples, start, goal = trees.counters[ITERATIONS : GOAL_SIZE + 1].tolist()
     small = 0 if start <= goal else 1
     status = Status.NO_PATH_IN_TIME if late else Status.OUT_OF_ITERATIONS
@@ -237,7 +237,7 @@ def walk(
         origin: A valid state on the manifold, shape (n,).
         target: Any state, shape (n,).
         exact: Whether the target is on the manifold and is to be met.
-        longest: Length at which the walk is given up [length unit of the metric].
+        longest: Length at which the walk is abandoned [length unit of the metric].
 
     Returns:
         Number of states written, and whether the target was met.
@@ -287,7 +287,7 @@ def _extend(
     target: Floats1,
     exact: bool,
 ) -> tuple[int, bool]:
-    """Grow a tree from its node nearest to a target; return the last new node, or -1, and if it got there."""
+    """Grow a tree from its node nearest to a target; return its last new node, or -1, and success."""
     node = nearest_node(space, trees, side, target)
     origin = trees.states[side, node]
     count, reached = walk(space, surface, workspace, seconds, origin, target, exact, math.inf)
@@ -310,12 +310,12 @@ def grow(
     Args:
         space: Box, metric and validity.
         surface: The manifold.
-        trees: The trees; that of the start grows in even iterations.
-        workspace: Of the walks.
+        trees: The trees; the tree of the start grows in even iterations.
+        workspace: Memory of the walks.
         seconds: Time after which no iteration begins, and time after which walks end too, shape (2,) [s]: a
-            walk cut by the first would make the trees depend on the machine's load.
-        key: Of the stream of random numbers.
-        iterations: Number of samples in all, those of earlier calls included.
+            walk cut by the first time would make the trees depend on the machine's load.
+        key: Key of the stream of random numbers.
+        iterations: Number of samples in all, earlier calls included.
 
     Returns:
         FOUND, GOING_ON if the iterations are used up, TIME_UP, or FULL if there may be no space for the nodes
@@ -348,7 +348,7 @@ def grow(
 
 @compiled("boolean(SearchSpace, float64[:, ::1], float64, int64[::1])")
 def points_valid(space: SearchSpace, points: Floats2, seconds: float, counters: Ints1) -> bool:
-    """Return whether points, shape (k, n), are valid, all of which must have been looked at in time [s]."""
+    """Return whether points, shape (k, n), are all valid and were all checked within a time [s]."""
     place = np.empty(2, np.int64)
     end = seconds_now(space.clock, place) + seconds
     for k in range(points.shape[0]):
@@ -360,7 +360,7 @@ def points_valid(space: SearchSpace, points: Floats2, seconds: float, counters: 
 
 
 class Explorer:
-    """Walks on a manifold and asks about every state on the way; used in a `with` block."""
+    """Walks on a manifold and checks every state on the way; used in a `with` block."""
 
     def __init__(
         self,
@@ -375,7 +375,7 @@ class Explorer:
             problem: Box, metric, validity and resolution.
             manifold: The manifold.
             deadline: Time budget.
-            counters: Where to count, see `WalkWorkspace`.
+            counters: Counters, see `WalkWorkspace`; new ones if omitted.
         """
         n, resolution = problem.n, problem.spacing
         steps = min(int(_LONGEST * problem.diagonal / resolution) + 1, _MOST_STEPS)
@@ -393,17 +393,17 @@ class Explorer:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Raise what a function in Python raised."""
+        """Raise the exception that a Python function raised."""
         self._contexts.close()
 
     @property
     def stopped(self) -> bool:
-        """Whether time has run out, or a function in Python has failed."""
+        """Whether time has run out, or a Python function has failed."""
         return bool(self.deadline.expired or self.surface.stop[0] or self.workspace.counters[STOP])
 
     @property
     def late(self) -> Status | None:
-        """NO_PATH_IN_TIME where a checker in Python was not asked any more, else None."""
+        """NO_PATH_IN_TIME if a Python checker was no longer called, else None."""
         return Status.NO_PATH_IN_TIME if self.workspace.counters[STOP] else None
 
     def valid(self, state: FloatArray) -> bool:
@@ -414,7 +414,7 @@ class Explorer:
     def walk(
         self, origin: FloatArray, target: FloatArray, *, exact: bool, longest: float = np.inf
     ) -> tuple[FloatArray, bool]:
-        """Walk as the function `walk` does.
+        """Walk along the manifold towards a target, see `walk`.
 
         Returns:
             The states after `origin`, shape (m, n), and whether the target was met.
@@ -424,7 +424,7 @@ class Explorer:
         return self.workspace.chain[:count].copy(), met
 
     def project(self, states: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Return states, shape (m, n), moved onto the manifold, and which are there, shape (m,)."""
+        """Return states, shape (m, n), moved onto the manifold, and which are on it, shape (m,)."""
         moved, done = np.array(states, order="C"), np.zeros(len(states), dtype=np.bool_)
         project_rows(self.surface, moved, INNER, done)
         return moved, done
@@ -433,7 +433,7 @@ class Explorer:
         """Return whether edges of a polyline are short and meet the constraints, and points are valid.
 
         Args:
-            points: Shape (k, n).
+            points: Way-points, shape (k, n).
         """
         spans = np.diff(self._problem.metric.arc_lengths(points))
         if spans.max(initial=0.0) > self.resolution or not edges_hold(self.surface, points):

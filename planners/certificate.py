@@ -1,4 +1,4 @@
-"""An independent second look at a path."""
+"""Independent check of a path."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from .problem import Problem
 from .smooth import SmoothPath
 from .vectors import FloatArray, positive_number
 
-_ROUNDING = 1e-12  # of the box's size
+_ROUNDING = 1e-12  # tolerance for rounding, relative to the box's size
 
 
 @dataclass(frozen=True, eq=False)
 class PathCertificate:
-    """What a path really does, computed again from the problem and the path alone.
+    """Properties of a path, computed from the problem and the path alone.
 
     Attributes:
-        first_invalid: The first invalid state met, shape (n,); None if there is none.
+        first_invalid: The first invalid state met, shape (n,); None if all are valid.
         within_bounds: Whether all states checked are inside the box.
         start_error: Distance of the path's first state from the start [length unit of the metric].
-        goal_error: Distance of its last state from the nearest goal [length unit of the metric]; 0 where
-            goals are drawn by a sampler, which does not show whether a state is one of them.
+        goal_error: Distance of the path's last state from the nearest goal [length unit of the metric]; 0 if
+            goals are drawn by a sampler, which cannot tell whether a state is a goal.
         states_checked: Number of states that were checked.
-        resolution: Greatest step between them [length unit of the metric].
+        resolution: Maximum step between checked states [length unit of the metric].
     """
 
     first_invalid: FloatArray | None
@@ -46,11 +46,10 @@ def certify(problem: Problem, path: Path | SmoothPath, *, resolution: float | No
     """Check a path against a problem, state by state.
 
     Args:
-        problem: What was to be planned.
+        problem: The problem that was to be solved.
         path: A polyline or a smooth path.
-        resolution: Greatest step between checked states [length unit of the metric]; the problem's if
-            omitted. A finer one than the planner used shows how much of the validity is owed to coarse
-            checks.
+        resolution: Maximum step between checked states [length unit of the metric]; the problem's if
+            omitted. A finer one than the planner's shows how much of the validity is due to coarse checks.
 
     Returns:
         The certificate.

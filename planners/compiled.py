@@ -1,4 +1,4 @@
-"""The searches' inner steps, for callers that are machine code themselves, and what those steps work on.
+"""Inner steps of the searches for callers that are machine code themselves, and the data of the steps.
 
     SearchSpace, last_valid_step, measure     box, metric and validity of a search
     first_round, grow, trace                  two trees of RRT-Connect: `Trees`, in a `Search`
@@ -7,8 +7,8 @@
     shorten, straighten_each, shortest_end    short-cuts of a `Polyline`, and other ends of it
     search_spline                             the descent of `optimization`
 
-All are compiled functions, the tables that they take, places in these, or the clocks and numbers of their
-callers.  The library imports of `planners` this module and the public names alone.
+All are compiled functions, the tables that they take, indices into tables, or the clocks and numbers of
+callers.  The library imports from `planners` only this module and the public names.
 """
 
 from .aorrtc import checked_gap

@@ -14,10 +14,10 @@ from .path import Path
 from .problem import Problem
 from .vectors import BoolArray, FloatArray, finite_points, require_inside, seed_number, whole_number
 
-_LEAST_GAIN = 1e-3  # of the piece: walks along a manifold are not exactly straight
-_WIDEST = 6  # of the path: the widest window of the rounding
-_NARROWEST = 2  # points
-_PASSES = 2
+_LEAST_GAIN = 1e-3  # minimum gain relative to the piece: walks along a manifold are not exactly straight
+_WIDEST = 6  # number of points of the path per point of the widest window of the rounding
+_NARROWEST = 2  # minimum width of the window of the rounding, in points
+_PASSES = 2  # number of averaging passes
 
 
 def constrained_shortcut(
@@ -31,19 +31,19 @@ def constrained_shortcut(
 ) -> Path:
     """Shorten a path on a manifold; the result is never longer, and has the same ends.
 
-    Each iteration picks two way-points and tries to replace what lies between by the walk along the manifold
-    straight from one to the other.
+    Each iteration picks two way-points and tries to replace the path between them by the walk along the
+    manifold straight from one to the other.
 
     Args:
         problem: Supplies box, validity, metric and resolution; its start and goals are not used.
         manifold: The constraints.
-        path: A path as `cbirrt` returns it.
+        path: A path of `cbirrt`.
         seed: Seed of the choices; the same seed gives the same path unless time runs out.
         iterations: Number of attempts.
         timeout: Time budget [s].
 
     Returns:
-        The path, as densely set with way-points on the manifold as before.
+        The path, its way-points on the manifold as dense as before.
 
     Raises:
         InvalidValueError: The path or the manifold has another number of coordinates than the problem, or an
@@ -77,18 +77,17 @@ def constrained_smooth(
 ) -> Path:
     """Round the corners of a path on a manifold.
 
-    The path is set with way-points at equal distances, averaged over a window (Hann's) that is as wide as
-    validity allows, and moved back onto the manifold.  The ends stay.
+    The path is resampled at equal distances, averaged over a Hann window that is as wide as validity allows,
+    and moved back onto the manifold.  The ends stay.
 
     Args:
         problem: Supplies box, validity, metric and resolution; its start and goals are not used.
         manifold: The constraints.
-        path: A path as `cbirrt` or `constrained_shortcut` returns it.
+        path: A path of `cbirrt` or `constrained_shortcut`.
         timeout: Time budget [s].
 
     Returns:
-        The rounded path, its way-points at nearly equal distances; the path given where nothing rounder is
-        valid.
+        The rounded path, its way-points at nearly equal distances; the path given if no rounder one is valid.
 
     Raises:
         InvalidValueError: The path or the manifold has another number of coordinates than the problem, or an
@@ -118,13 +117,13 @@ def project(
     """Move states onto a manifold, by damped Gauss-Newton steps that are the smallest in the metric.
 
     Args:
-        problem: Supplies the box, within which they stay, and the metric.
+        problem: Supplies the box, within which the states stay, and the metric.
         manifold: The constraints.
-        states: Shape (m, n), inside the box.
+        states: States inside the box, shape (m, n).
 
     Returns:
-        The states moved, shape (m, n), and which of them now meet the constraints, to half their tolerances,
-        shape (m,).  It is a local method: a state that is not there may have a neighbor that gets there.
+        The moved states, shape (m, n), and which meet the constraints to half their tolerances, shape (m,).
+        The method is local: a state may fail whose neighbor succeeds.
 
     Raises:
         InvalidValueError: The states have the wrong shape, are not finite or not inside the box.
@@ -144,7 +143,7 @@ def _equally_spaced(explorer: Explorer, path: Path) -> FloatArray:
 
 
 def _averaged(points: FloatArray, width: int) -> FloatArray:
-    """Return means over some points to either side, mirrored through the ends so that these stay."""
+    """Return means over some points to either side, mirrored through the ends so that the ends stay."""
     before = 2.0 * points[0] - points[width:0:-1]
     after = 2.0 * points[-1] - points[-2 : -width - 2 : -1]
     padded = np.concatenate((before, points, after))

@@ -20,48 +20,48 @@ from .search_space import distance
 from .vectors import BoolArray, FloatArray, finite_points, read_only, whole_number
 
 ConstraintFunction = Callable[[FloatArray], tuple[ArrayLike, ArrayLike]]
-"""From states, shape (m, n), to residuals F, shape (m, r), and their Jacobians dF/dx, shape (m, r, n)."""
+"""Function of states, shape (m, n), that returns F, shape (m, r), and the Jacobians, shape (m, r, n)."""
 
 _Signature = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
 
 
 INNER = 0.5
-"""Of a tolerance: projected states are this near, so that the edges between them hold the tolerance."""
+"""Fraction of a tolerance that projected states keep, so that edges between them keep the tolerance."""
 
 BETWEEN = 0.9
-"""Of a tolerance: how near the middle of an edge is."""
+"""Fraction of a tolerance that the middle of an edge keeps."""
 
 MOST_ITERATIONS = 30
 _LEAST_DAMPING, _MOST_DAMPING = 1e-9, 1e3
-_MOST = 10_000  # coordinates, or residuals
-_HALVINGS = 10
-_STEP = 0.9  # of the resolution
-_PROGRESS = 0.05  # of a step
+_MOST = 10_000  # maximum number of coordinates, or of residuals
+_HALVINGS = 10  # maximum number of halvings of a step
+_STEP = 0.9  # length of a straight step relative to the resolution
+_PROGRESS = 0.05  # minimum progress relative to a step
 
 
 class BoxedManifold(NamedTuple):
     """A manifold within a box, and scratch space of one thread.
 
     Attributes:
-        address: Of the residual function.
-        kernel_input: Its input.
-        out: Its output: residuals, then the Jacobian.
-        work: Its scratch space.
-        places: Places of the coordinates in the input, shape (n,).
-        columns: Columns of the Jacobian, shape (n,).
+        address: Address of the residual function.
+        kernel_input: Input of the residual function.
+        out: Output of the residual function: residuals, then the Jacobian.
+        work: Scratch space of the residual function.
+        places: Index of each coordinate in the input, shape (n,).
+        columns: Column of each coordinate in the Jacobian, shape (n,).
         groups: Constraint of each residual, shape (r,).
-        tolerances: Shape (g,).
-        lower: Shape (n,).
-        upper: Shape (n,).
-        weights: Shape (n,).
-        norms: Memory: error of each constraint, shape (g,).
-        held: Memory: whether a constraint takes part in the projection, shape (g,).
-        slopes: Memory: rows of the linear system, shape (r, n).
-        gram: Memory, shape (r, r).
-        right: Memory, shape (2, r).
+        tolerances: Tolerances of the constraints, in the units of F, shape (g,).
+        lower: Lower bounds of the box, shape (n,).
+        upper: Upper bounds of the box, shape (n,).
+        weights: Weights of the metric, shape (n,).
+        norms: Memory for the error of each constraint, shape (g,).
+        held: Memory for whether a constraint takes part in the projection, shape (g,).
+        slopes: Memory for the rows of the linear system, shape (r, n).
+        gram: Memory for the matrix of the normal equations, shape (r, r).
+        right: Memory for the right-hand side, shape (2, r).
         rows: Memory for states, shape (6, n).
-        stop: One number; not zero once a function in Python has failed.
-        width: Columns of the Jacobian.
+        stop: Flag, shape (1,); not zero once a Python function has failed.
+        width: Number of columns of the Jacobian.
     """
 
     address: int
@@ -87,9 +87,9 @@ class BoxedManifold(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class CompiledManifold:
-    """Where a residual function lies that is machine code.
+    """A residual function in machine code.
 
-    At the address is a C function
+    At its address is a C function
 
         void residual(const double *in, double *out, double *work)
 
@@ -98,13 +98,13 @@ class CompiledManifold:
 
     Attributes:
         address: Address of the function.
-        kernel_input: What `in` holds, shape (k,); the state's coordinates are put into it.
-        places: For each of the n coordinates its place in `kernel_input`, shape (n,).
-        columns: For each coordinate its column of the Jacobian, shape (n,).
+        kernel_input: Content of `in`, shape (k,); the state's coordinates are written into it.
+        places: Index of each of the n coordinates in `kernel_input`, shape (n,).
+        columns: Column of each coordinate in the Jacobian, shape (n,).
         width: Number of columns of the Jacobian.
         work_size: Length of `work`, in numbers.
-        keep_alive: What must live as long as the address is used.
-        size: Numbers that the function writes, where that is known: callers make sure that it fits.
+        keep_alive: Object that must live as long as the address is used.
+        size: Number of values that the function writes, 0 if unknown: callers make sure that they fit.
     """
 
     address: int
@@ -121,7 +121,7 @@ class CompiledManifold:
 class ConstraintManifold:
     """The states x of n coordinates at which all constraints hold: |F_g(x)| <= tolerance_g.
 
-    The r components of F are sorted into constraints; |.| is the Euclidean length of those of one constraint.
+    The r components of F are grouped into constraints; |F_g| is the Euclidean norm of constraint g's.
     A small tolerance makes it an equation, a large one an inequality: "within ten degrees of upright".
 
     Attributes:
@@ -129,9 +129,9 @@ class ConstraintManifold:
             (`CompiledManifold`).
         n: Number of coordinates of a state.
         rows: Number r of residuals.
-        tolerances: Tolerance of each constraint, shape (g,); one number serves for all.
-        groups: For each residual the constraint it belongs to, 0 .. g - 1, shape (r,).  If omitted, all
-            residuals are one constraint.
+        tolerances: Tolerance of each constraint, in the units of F, shape (g,); one number applies to all.
+        groups: Constraint to which each residual belongs, 0 .. g - 1, shape (r,).  If omitted, all residuals
+            are one constraint.
         names: Names of the constraints, for messages; "constraint 0" and so on if omitted.
     """
 
@@ -195,13 +195,13 @@ class ConstraintManifold:
         """Return |F_g| of each constraint at some states.
 
         Args:
-            states: Shape (m, n).
+            states: States, shape (m, n).
 
         Returns:
-            Shape (m, g), in the units of F.
+            Errors, shape (m, g), in the units of F.
 
         Raises:
-            InvalidValueError: The states have the wrong shape, or F answers in one.
+            InvalidValueError: The states or the results of F have the wrong shape.
         """
         rows = np.array(finite_points("states", states, self.n))
         wide = np.full(self.n, math.inf)
@@ -220,7 +220,7 @@ class ConstraintManifold:
 
 
 class OnSurface:
-    """Hands a manifold to machine code; what a Python function raises there comes out of the `with` block."""
+    """Manifold for machine code, as a `with` block; exceptions of a Python function are raised at its end."""
 
     def __init__(
         self, manifold: ConstraintManifold, lower: FloatArray, upper: FloatArray, weights: FloatArray
@@ -231,14 +231,14 @@ class OnSurface:
             manifold: The manifold.
             lower: Lower bounds within which states are moved, shape (n,).
             upper: Upper bounds, shape (n,).
-            weights: Weights of the metric in which they are moved as little as possible, shape (n,).
+            weights: Weights of the metric in which states are moved as little as possible, shape (n,).
         """
         self._manifold, self._box = manifold, (lower, upper, weights)
         self._error: BaseException | None = None
         self._stop = np.zeros(1, dtype=np.int64)
 
     def __enter__(self) -> BoxedManifold:
-        """Return what machine code takes."""
+        """Return the manifold for machine code."""
         code = self._manifold.function
         if not isinstance(code, CompiledManifold):
             n = self._manifold.n
@@ -249,11 +249,12 @@ class OnSurface:
         return _surface_of(self._manifold, code, *self._box, self._stop)
 
     def __exit__(self, *_: object) -> None:
-        """Raise what the function raised."""
+        """Raise the exception that the function raised."""
         if self._error is not None:
             raise self._error
 
     def _answer(self, kernel_input: int, out: int, work: int) -> None:
+        """Call the Python function back from machine code; NaN is written after an exception."""
         n, rows = self._manifold.n, self._manifold.rows
         answer = floats_at(out, rows * (1 + n))
         answer[:] = np.nan
@@ -272,7 +273,7 @@ class OnSurface:
             self._stop[0] = 1
 
 
-TRIAL, STEP, FIXED, CURRENT, MIDDLE, AIM = 0, 1, 2, 3, 4, 5  # rows
+TRIAL, STEP, FIXED, CURRENT, MIDDLE, AIM = 0, 1, 2, 3, 4, 5  # indices into `BoxedManifold.rows`
 
 
 def _surface_of(
@@ -283,7 +284,7 @@ def _surface_of(
     weights: FloatArray,
     stop: np.ndarray,
 ) -> BoxedManifold:
-    """Return a manifold as machine code takes it, with new scratch arrays.
+    """Return a manifold for machine code, with new scratch arrays.
 
     Args:
         manifold: The manifold, of r rows over n coordinates.
@@ -291,10 +292,10 @@ def _surface_of(
         lower: Lower bounds of the box, shape (n,).
         upper: Upper bounds, shape (n,).
         weights: Weights of the metric, shape (n,).
-        stop: Set to stop, shape (1,).
+        stop: Flag that is set to stop, shape (1,).
 
     Raises:
-        InvalidValueError: where the kernel writes more numbers than the rows hold.
+        InvalidValueError: if the kernel writes more numbers than the rows hold.
     """
     n, r, tolerances = manifold.n, manifold.rows, np.array(manifold.tolerances)
     g = tolerances.size
@@ -325,7 +326,7 @@ def _surface_of(
 
 
 def no_surface(lower: FloatArray, upper: FloatArray, weights: FloatArray) -> BoxedManifold:
-    """Return a manifold without constraints, which all states meet; its function is never called."""
+    """Return a manifold without constraints that contains all states; its function is never called."""
     n, none, ints = lower.size, np.zeros(0), np.zeros(0, dtype=np.int64)
     return BoxedManifold(
         0, none, none, none, ints, ints, ints, none, lower.copy(), upper.copy(), weights.copy(), none, ints,
@@ -359,7 +360,7 @@ def evaluate(surface: BoxedManifold, state: FloatArray) -> float:
 
 @compiled
 def _violation(surface: BoxedManifold, inner: float) -> float:
-    """Return the sum of squares of what errors exceed a part of their tolerances by."""
+    """Return the sum of squares of the errors' excess over a fraction of their tolerances."""
     total = 0.0
     for g in range(surface.norms.size):
         beyond = surface.norms[g] / surface.tolerances[g] - inner
@@ -372,8 +373,8 @@ def _violation(surface: BoxedManifold, inner: float) -> float:
 def _linearize(surface: BoxedManifold, aim: float) -> int:
     """Write the residuals to be removed and their scaled Jacobian; return their number.
 
-    Of a constraint with error |r| above a part of its tolerance rho, r (1 - rho / |r|) is to be removed, so
-    that a wide tolerance is entered and no more.  A constraint that has taken part once is held from then on.
+    For a constraint with error |r| above the fraction rho of its tolerance, r (1 - rho / |r|) is to be
+    removed, so that a wide tolerance is just met.  A constraint that has taken part once stays held.
     """
     count, n = 0, surface.weights.size
     for k in range(surface.groups.size):
@@ -394,7 +395,7 @@ def _linearize(surface: BoxedManifold, aim: float) -> int:
 
 @compiled
 def _least_step(surface: BoxedManifold, count: int, damping: float) -> None:
-    """Write the smallest step that removes the residuals, of the coordinates that are not fixed.
+    """Write the smallest step of the coordinates that are not fixed that removes the residuals.
 
     step = -W^-1 A^T (A A^T + damping diag(A A^T))^-1 e with A = J W^-1, by Cholesky's factorization.
     """
@@ -433,7 +434,7 @@ def _least_step(surface: BoxedManifold, count: int, damping: float) -> None:
 
 @compiled
 def _step_in_box(surface: BoxedManifold, state: FloatArray, count: int, damping: float) -> None:
-    """Write the step and the state it leads to; coordinates that it would push out of the box stay."""
+    """Write the step and the next state; coordinates that would leave the box stay."""
     n = state.size
     for i in range(n):
         surface.rows[FIXED, i] = 0.0
@@ -460,11 +461,11 @@ def project(surface: BoxedManifold, state: FloatArray, inner: float) -> bool:
 
     Args:
         surface: The manifold.
-        state: Shape (n,), inside the box.
-        inner: Part of the tolerances to which it is moved.
+        state: State inside the box, shape (n,).
+        inner: Fraction of the tolerances that the moved state keeps.
 
     Returns:
-        Whether it is there.
+        Whether the state is on the manifold.
     """
     damping, ratio = _LEAST_DAMPING, evaluate(surface, state)
     for g in range(surface.held.size):
@@ -506,7 +507,7 @@ def edge_holds(surface: BoxedManifold, a: FloatArray, b: FloatArray) -> bool:
 def _next(
     surface: BoxedManifold, current: FloatArray, target: FloatArray, length: float, longest: float
 ) -> float:
-    """Write the next state on the way to a target to rows[AIM]; return how far it is from it, or -1."""
+    """Write the next state on the way to a target to rows[AIM]; return its distance to the target, or -1."""
     step = min(_STEP * longest, length)
     for _ in range(_HALVINGS):
         for i in range(current.size):
@@ -538,20 +539,20 @@ def extend(
 ) -> int:
     """Walk along the manifold towards a target: short straight steps, each moved back onto the manifold.
 
-    It ends where no step leads nearer.  Source: D. Berenson, S. Srinivasa, D. Ferguson and J. Kuffner,
+    The walk ends where no step leads nearer.  Source: D. Berenson, S. Srinivasa, D. Ferguson and J. Kuffner,
     Manipulation planning on constraint manifolds, ICRA 2009 (CBiRRT).
 
     Args:
         surface: The manifold.
-        origin: A state on it, shape (n,).
+        origin: A state on the manifold, shape (n,).
         target: Any state, shape (n,).
-        resolution: Greatest step [length unit of the metric].
+        resolution: Maximum step [length unit of the metric].
         exact: Whether the target is on the manifold and is to be met.
         chain: The states after `origin`, written, shape (m, n).
 
     Returns:
-        Number c of states written; -c - 1 where the way ends with them, short of the target.  The last one
-        is the target where that was reached.
+        Number c of states written; -c - 1 if the walk ends with them, short of the target.  The last state
+        is the target if it was reached.
     """
     n = origin.size
     for i in range(n):
@@ -586,7 +587,7 @@ def measure_rows(surface: BoxedManifold, states: FloatArray, errors: FloatArray)
 
 @compiled("void(BoxedManifold, float64[:, ::1], float64, boolean[::1])")
 def project_rows(surface: BoxedManifold, states: FloatArray, inner: float, done: Flags1) -> None:
-    """Move states, shape (m, n), onto the manifold in place; write which are there."""
+    """Move states, shape (m, n), onto the manifold in place; write which are on it, shape (m,)."""
     for j in range(states.shape[0]):
         done[j] = surface.stop[0] == 0 and project(surface, states[j], inner)
 

@@ -1,4 +1,4 @@
-"""Paths of low cost: the integral of 1 + c(x) along a path is lowered, c >= 0 a price of being at x."""
+"""Descent of the integral of 1 + c(x) along a path, where c >= 0 is the price of being at x."""
 
 from __future__ import annotations
 
@@ -35,28 +35,28 @@ from .sampling import stream_key, uniform
 from .search_space import ITERATIONS, STOP, SearchSpace, distance, edge_valid, space_of, step_count
 from .vectors import FloatArray, finite_points, seed_number, whole_number
 
-_FEWEST, _MOST = 24, 400  # points
-_SHARE_OF_STEP = 2.0  # of the resolution: distance of points, where there is no manifold
-_SHARE_ON_MANIFOLD = 0.5
-_LEAST_GAIN = 1e-4  # of the whole: a step that saves less is the last, a short-cut that does is not made
-_WEAK_ROUNDS = 3  # rounds one after the other that save little
-_BLOCKS = 8  # steps of some coordinates of a part of the path, in a round
-_ROUNDS = 5  # of letting points stay that a step would bring somewhere invalid
-_MOST_STAY = 0.5  # of the points
-_SPREAD = 10.0  # damping of a part is up to this power of two larger than that of the whole
+_FEWEST, _MOST = 24, 400  # minimum and maximum number of points
+_SHARE_OF_STEP = 2.0  # distance of points relative to the resolution, without a manifold
+_SHARE_ON_MANIFOLD = 0.5  # distance of points relative to the resolution, on a manifold
+_LEAST_GAIN = 1e-4  # minimum gain of a short-cut, or of a useful step, relative to the integral
+_WEAK_ROUNDS = 3  # number of successive rounds with little gain that ends the descent
+_BLOCKS = 8  # steps per round of some coordinates of a part of the path
+_ROUNDS = 5  # maximum number of trials of a step, each with more points that stay where it is invalid
+_MOST_STAY = 0.5  # maximum fraction of the points that stay
+_SPREAD = 10.0  # maximum power of two by which a part's damping exceeds the whole path's damping
 _BESIDE = 2  # points to either side of an invalid edge that stay too
 _SOFTER, _STIFFER, _STIFFEST = 0.3, 4.0, 1e8
-_FIRST_DAMPING = 10.0  # over the square of the length
-_USED = 0.5  # of the tolerance that projections leave: from there on a constraint is one
-_UNEVEN = 3.0  # longest edge over the mean at which points are set again
+_FIRST_DAMPING = 10.0  # initial damping times the square of the length
+_USED = 0.5  # fraction of the tolerance left by projections from which a constraint counts as active
+_UNEVEN = 3.0  # ratio of the longest to the mean edge at which points are spaced evenly again
 _STREAM = 7
-_DRAWS = 2
-_STEP_DRAWS = 3
+_DRAWS = 2  # random numbers of one short-cut
+_STEP_DRAWS = 3  # random numbers of one step of a part
 
 # Rows of `lines`.
 _COST, _TRIAL_COST, _SPAN, _DIAGONAL, _STAYS, _ALONG = range(6)
 
-# Places in `memory`: what goes on from one call to the next.
+# Indices into `memory`: state that is kept from one call to the next.
 _TOTAL, _BEFORE, _DAMPING, _WHOLE_DAMPING, _LEAST, _STIFF, _WEAK = range(7)
 
 
@@ -66,7 +66,7 @@ class StateCost:
 
     Attributes:
         function: A callable from states, shape (m, n), to c, shape (m, 1), and its gradient, shape (m, 1, n);
-            or machine code that writes c and its gradient.  What is negative counts as 0, NaN as infinite.
+            or machine code that writes c and its gradient.  Negative values count as 0, NaN as infinite.
         n: Number of coordinates of a state.
     """
 
@@ -77,20 +77,21 @@ class StateCost:
         """Check the fields.
 
         Raises:
-            InvalidValueError: The function is none, or the number of coordinates is not a positive integer.
+            InvalidValueError: The function is not callable, or the number of coordinates is not a positive
+                integer.
         """
         object.__setattr__(self, "n", self.manifold.n)
 
     @property
     def manifold(self) -> ConstraintManifold:
-        """The same function as machine code is given it."""
+        """The function as a manifold of one residual, for machine code."""
         return ConstraintManifold(self.function, self.n, 1)
 
     def at(self, states: ArrayLike) -> FloatArray:
         """Return c at states, shape (m, n); shape (m,).
 
         Raises:
-            InvalidValueError: The states have the wrong shape, or the function answers in one.
+            InvalidValueError: The states or the results of the function have the wrong shape.
         """
         rows, wide = np.array(finite_points("states", states, self.n)), np.full(self.n, math.inf)
         found = np.empty(len(rows))
@@ -108,15 +109,15 @@ class Band(NamedTuple):
     """A polyline of N points, and scratch space.
 
     Attributes:
-        points: Shape (N, n).
-        trial: Where they might be, shape (N, n).
-        step: Shape (N, n).
-        gradient: Of c at the points, in scaled coordinates, shape (N, n).
-        lines: See the rows above, shape (6, N).
-        rows: Shape (4, n).
-        memory: See the places above, shape (7,).
+        points: The points, shape (N, n).
+        trial: Points that are tried, shape (N, n).
+        step: Steps of the points, shape (N, n).
+        gradient: Gradient of c at the points, in scaled coordinates, shape (N, n).
+        lines: Values per point, see the rows above, shape (6, N).
+        rows: Scratch space for states, shape (4, n).
+        memory: State of the descent, see the indices above, shape (7,).
         chosen: Whether a step moves a coordinate, shape (n,).
-        counters: See the places above.
+        counters: Counters of the planner, see `search_space.STATES`.
     """
 
     points: Floats2
@@ -143,34 +144,34 @@ def descend_cost(
 ) -> Path:
     """Lower the integral of 1 + c(x) along a path; the ends stay, and c = 0 leaves the length alone.
 
-    The path is set with points at equal distances.  First, straight edges between random pairs of them
-    replace what lies between where that costs less.  Then all points move at once by damped Gauss-Newton
+    The path is resampled at equal distances.  First, straight edges between random pairs of points replace
+    the path between them where that costs less.  Then all points move at once by damped Gauss-Newton
     steps: with x the states in the scaled coordinates of the metric, edges of length l_k and price
     w_k = 1 + mean of c at their ends, the gradient across the path is
 
         g_k = h_k grad c(x_k) + w_{k-1} u_{k-1} - w_k u_k,   u_k the direction of edge k, h_k mean of its l,
 
-    and the step -(A + mu H)^-1 g, where A is the second difference with w_k / l_k and H = diag(h).  It
-    spreads a pull over the path, as CHOMP's does (N. Ratliff, M. Zucker, J. A. Bagnell and S. Srinivasa,
-    ICRA 2009), and is that of Newton for the length.  mu grows where a step does not lower the integral.
-    On a manifold the gradient is taken along it, and each step is followed by a projection.
+    and the step -(A + mu H)^-1 g, where A is the second difference with w_k / l_k and H = diag(h).  The step
+    spreads a local gradient over the path, like CHOMP's (N. Ratliff, M. Zucker, J. A. Bagnell and
+    S. Srinivasa, ICRA 2009), and is Newton's step for the length.  mu grows where a step does not lower the
+    integral.  On a manifold the gradient is taken along it, and a projection follows each step.
     Points whose edges would not be valid stay, and the others move without them; in between, random parts of
-    the path are moved in random coordinates, which leads along obstacles.  It is a local method:
-    the side on which the path passes an obstacle is that of the initial path.
+    the path are moved in random coordinates, which leads along obstacles.  The method is local: the path
+    passes an obstacle on the same side as the initial path.
 
     Args:
         problem: Supplies box, validity, metric and resolution; its start and goals are not used.
         cost: The price.
-        path: A valid path of the problem's coordinates; on the manifold, as `cbirrt` returns it.
-        manifold: Constraints that every point keeps, if there are any.
+        path: A valid path of the problem's coordinates; with a manifold, a path of `cbirrt`.
+        manifold: Constraints that every point meets; None for none.
         seed: Seed of the short-cuts; the same seed gives the same path unless time runs out.
-        shortcuts: Number of attempts.
-        iterations: Greatest number of steps.
+        shortcuts: Number of attempts of short-cuts.
+        iterations: Maximum number of steps.
         timeout: Time budget [s].
 
     Returns:
-        A path whose integral is lower, of points at nearly equal distances; the path given where nothing
-        better is found.  On a manifold its way-points are no further apart than the resolution.
+        A path whose integral is lower, of points at nearly equal distances; the path given if no better one
+        is found.  On a manifold its way-points are no further apart than the resolution.
 
     Raises:
         InvalidValueError: The path, cost or manifold has another number of coordinates than the problem, or
@@ -214,6 +215,7 @@ def _even(path: Path, count: int) -> Path:
 
 
 def _band(points: FloatArray) -> Band:
+    """Return a band of points, shape (N, n), with new scratch space."""
     count, n = points.shape
     trial, step, gradient = np.zeros((3, count, n))
     lines, rows, memory = np.zeros((6, count)), np.zeros((4, n)), np.zeros(7)
@@ -235,7 +237,7 @@ def price_at(cost: BoxedManifold, state: Floats1) -> float:
 
 @compiled("void(BoxedManifold, float64[:, ::1], int64, float64[::1])")
 def measure_costs(cost: BoxedManifold, states: Floats2, count: int, found: Floats1) -> None:
-    """Write c at the first states, shape (m, n)."""
+    """Write c at the first `count` of states of shape (m, n)."""
     for k in range(count):
         found[k] = price_at(cost, states[k])
 
@@ -251,7 +253,7 @@ def _total(points: FloatArray, costs: FloatArray, weights: FloatArray) -> float:
 
 @compiled
 def _edge_good(space: SearchSpace, surface: BoxedManifold, band: Band, a: FloatArray, b: FloatArray) -> bool:
-    """Return whether an edge from a valid state on the manifold to another is valid and keeps to it."""
+    """Return whether an edge from a valid state on the manifold to another is valid and on the manifold."""
     length = distance(a, b, space.weights)
     if surface.norms.size > 0 and (length > space.resolution or not edge_holds(surface, a, b)):
         return False
@@ -260,6 +262,7 @@ def _edge_good(space: SearchSpace, surface: BoxedManifold, band: Band, a: FloatA
 
 @compiled
 def _moved_onto(surface: BoxedManifold, state: FloatArray) -> bool:
+    """Move a state onto the manifold in place; return whether it is on it."""
     return surface.norms.size == 0 or project(surface, state, INNER)
 
 
@@ -288,16 +291,16 @@ def shorten_by_cost(
     key: np.uint64,
     attempts: int,
 ) -> bool:
-    """Replace parts of a band by straight ones that cost less; see `descend_cost`.
+    """Replace parts of a band by straight edges that cost less; see `descend_cost`.
 
     Args:
         space: Box, metric and validity.
         cost: The price.
-        surface: The manifold, empty where there is none.
+        surface: The manifold; one without constraints for none.
         band: The polyline.
         seconds: Time budget [s].
-        key: Of the stream of random numbers.
-        attempts: Number of attempts in all, those of earlier calls included.
+        key: Key of the stream of random numbers.
+        attempts: Number of attempts in all, earlier calls included.
 
     Returns:
         Whether all attempts have been made.
@@ -345,7 +348,7 @@ def shorten_by_cost(
 
 @compiled
 def _take(band: Band, first: int, end: int) -> None:
-    """Let points be where they were tried."""
+    """Replace the points from `first` up to `end` by the trial points."""
     for k in range(first, end):
         band.lines[_COST, k] = band.lines[_TRIAL_COST, k]
         for c in range(band.points.shape[1]):
@@ -367,14 +370,14 @@ def descend(
     Args:
         space: Box, metric and validity.
         cost: The price.
-        surface: The manifold, empty where there is none.
+        surface: The manifold; one without constraints for none.
         band: The polyline.
         seconds: Time budget [s].
-        key: Of the stream of random numbers.
-        iterations: Greatest number of steps in all, those of earlier calls included.
+        key: Key of the stream of random numbers.
+        iterations: Maximum number of steps in all, earlier calls included.
 
     Returns:
-        Whether there is nothing more to do.
+        Whether the descent has ended.
     """
     points, lines, counters, place = band.points, band.lines, band.counters, np.empty(2, np.int64)
     end, memory = seconds_now(space.clock, place) + seconds, band.memory
@@ -425,7 +428,7 @@ def _linearize(
 ) -> None:
     """Write lengths of edges, and the gradient of the integral across the path in scaled coordinates.
 
-    The gradient is that at the points between two.
+    The gradient is written for the points between `low` and `high`.
     """
     points, lines, gradient, weights = band.points, band.lines, band.gradient, space.weights
     last, n = points.shape[0] - 1, points.shape[1]
@@ -454,10 +457,10 @@ def _linearize(
 
 @compiled
 def _keep_along(surface: BoxedManifold, state: FloatArray, gradient: FloatArray, resolution: float) -> None:
-    """Take from a gradient in scaled coordinates what would lead off the manifold.
+    """Remove from a gradient in scaled coordinates the components that lead off the manifold.
 
-    A constraint whose tolerance is used up within a step is an equation: all its rows are taken out.  A wider
-    one counts where much of its tolerance is used, and where the way down the gradient would use more.
+    A constraint whose tolerance is used up within a step is an equation: all its rows are removed.  A wider
+    constraint counts where much of its tolerance is used, and where the descent would use more.
     """
     evaluate(surface, state)
     rows, n, kept, r = surface.slopes, gradient.size, 0, surface.groups.size
@@ -497,7 +500,7 @@ def _keep_along(surface: BoxedManifold, state: FloatArray, gradient: FloatArray,
 
 @compiled
 def _independent(rows: FloatArray, count: int) -> int:
-    """Make a row orthonormal to those before it; return 1, or 0 where nothing of it is left."""
+    """Make a row orthonormal to the rows before it; return 1, or 0 if it depends on them linearly."""
     n, before, square = rows.shape[1], 0.0, 0.0
     for c in range(n):
         before += rows[count, c] * rows[count, c]
@@ -526,9 +529,9 @@ def _stepped(
     high: int,
     rounds: int,
 ) -> float:
-    """Try a step of the points between two, with ever more that stay where it would not be valid.
+    """Try a step of the points between `low` and `high`; points at invalid edges stay in further trials.
 
-    Returns the new integral; infinite where it is not lower, or the step is not valid.
+    Returns the new integral; infinite if it is not lower, or the step is not valid.
     """
     points, trial, lines, last = band.points, band.trial, band.lines, band.points.shape[0] - 1
     for k in range(last + 1):
@@ -570,13 +573,14 @@ def _stepped(
 
 @compiled
 def _let_stay(lines: FloatArray, k: int, last: int) -> None:
+    """Mark a point and its neighbors as points that stay."""
     for j in range(max(k - _BESIDE, 0), min(k + _BESIDE, last) + 1):
         lines[_STAYS, j] = 1.0
 
 
 @compiled
 def _solve(band: Band, damping: float) -> None:
-    """Write the step (A + mu H) d = -g of the points that do not stay; Thomas's algorithm."""
+    """Write the step d, (A + mu H) d = -g, of the points that do not stay, by Thomas's algorithm."""
     lines, gradient, step = band.lines, band.gradient, band.step
     last, n = step.shape[0] - 1, step.shape[1]
     for c in range(n):

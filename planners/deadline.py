@@ -1,4 +1,4 @@
-"""The time budget of one run of a planner."""
+"""Time budget of one run of a planner."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from pepper_kin.kernels.compiled_function import CompiledFunction
 from pepper_kin.kernels.working_time import not_counted, working_time
 
 TIME_SLICE = 0.25
-"""How long machine code may run before Python listens to an interrupt from the keyboard again [s]."""
+"""Maximum time that machine code runs until Python checks for an interrupt from the keyboard [s]."""
 
 
 LEAST_SLICE = 1e-4
-"""The same where a pause is due already [s]."""
+"""Minimum time that machine code runs if a pause is due already [s]."""
 
 Result = TypeVar("Result")
 
@@ -34,7 +34,7 @@ def whole(slices: Slices[Result]) -> Result:
 
 
 class PausedClock:
-    """A clock that goes on only between `resume` and `pause`, and says how long it may."""
+    """Clock that runs only between `resume` and `pause`, and knows when the next pause is due."""
 
     def __init__(self) -> None:
         self._away, self._paused, self._until = 0.0, working_time(), -math.inf
@@ -45,24 +45,24 @@ class PausedClock:
 
     @property
     def left(self) -> float:
-        """Seconds until a pause is due; none or less once it is."""
+        """Time until a pause is due [s]; zero or negative once it is due."""
         return self._until - perf_counter()
 
     def resume(self, seconds: float) -> None:
-        """Go on for so long [s]."""
+        """Run the clock; the next pause is due after a time [s]."""
         self._away += working_time() - self._paused
         self._until = perf_counter() + seconds
 
     def pause(self) -> None:
-        """Stand still."""
+        """Stop the clock until `resume`."""
         self._paused = working_time()
 
 
 class Deadline:
-    """A clock that starts when it is made and runs out after a number of seconds.
+    """Timer that starts when it is made and expires after a time budget.
 
     Attributes:
-        timeout: Budget [s]; infinite if there is none.
+        timeout: Budget [s]; infinite for none.
     """
 
     def __init__(self, timeout: float = math.inf, clock: PausedClock | None = None) -> None:
@@ -70,7 +70,7 @@ class Deadline:
 
         Args:
             timeout: Budget [s], above zero; ``math.inf`` for none.
-            clock: What measures it, and says when a pause is due; None for time that nothing stops.
+            clock: Clock that measures the time and knows when a pause is due; None for one without pauses.
 
         Raises:
             InvalidValueError: The budget is NaN, or not above zero.
@@ -87,17 +87,17 @@ class Deadline:
 
     @property
     def elapsed(self) -> float:
-        """Seconds since the start."""
+        """Time since the start [s]."""
         return self._now() - self._started
 
     @property
     def left(self) -> float:
-        """Seconds that are left; none or less once the budget is used up."""
+        """Remaining time [s]; zero or negative once the budget is used up."""
         return self.timeout - self.elapsed
 
     @property
     def time_slice(self) -> float:
-        """Seconds that machine code may run before a pause or an interrupt is looked for."""
+        """Time that machine code may run until a pause or an interrupt is checked [s]."""
         return min(self.left, TIME_SLICE if self._clock is None else max(self._clock.left, LEAST_SLICE))
 
     @property
@@ -112,7 +112,7 @@ class Deadline:
 
 
 def load_code(*functions: CompiledFunction) -> None:
-    """Get the machine code of functions ready, which is not to be counted as time of a run."""
+    """Load or build the machine code of functions; the time does not count towards a run."""
     with not_counted():
         for function in functions:
             function.native  # noqa: B018

@@ -1,4 +1,4 @@
-"""First invalid states along random edges that lead away from states."""
+"""First invalid states along random edges away from given states."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from .problem import Problem
 from .vectors import FloatArray, finite_points, read_only, seed_number, whole_number
 
 FRONTIER = 64
-"""Most nodes of a stuck tree that planners return."""
+"""Maximum number of nodes of a stuck tree that planners return."""
 
 _STREAM = 0x5407
-_FAR = 1000.0  # diagonals
-_MOST = 1_000_000  # motions, for which there is memory
+_FAR = 1000.0  # maximum distance of states from the box, in diagonals
+_MOST = 1_000_000  # maximum number of motions, limited by memory
 
 
 def spread(states: FloatArray) -> FloatArray:
@@ -25,11 +25,11 @@ def spread(states: FloatArray) -> FloatArray:
 def motions_away(
     problem: Problem, states: FloatArray, count: int, seed: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Return where random motions away from states, shape (k, n), begin and lead to; (count, n) each."""
+    """Return starts and ends of random motions away from states, shape (k, n); (count, n) each."""
     rng = np.random.default_rng((_STREAM, seed_number(seed)))
     states, count = finite_points("states", states, problem.n), whole_number("count", count, 0, _MOST)
     beyond = np.abs(states - np.clip(states, problem.lower, problem.upper)).max()
-    if beyond > _FAR * problem.diagonal:  # states may turn beyond the box, but steps have to be counted
+    if beyond > _FAR * problem.diagonal:  # states may lie full turns outside the box, but steps must be few
         raise InvalidValueError("states", states[np.abs(states).argmax() // problem.n], "states near the box")
     origins = states[rng.integers(len(states), size=count)]
     return origins, rng.uniform(problem.lower, problem.upper, (count, problem.n))
@@ -38,8 +38,8 @@ def motions_away(
 def first_invalid_states(problem: Problem, states: FloatArray, count: int, *, seed: int = 0) -> FloatArray:
     """Return where random straight motions away from valid states become invalid.
 
-    Each leads from one of the states to an even sample of the box, and is looked at in steps of the problem's
-    resolution.
+    Each motion leads from one of the states to a uniform sample of the box, and is checked in steps of the
+    problem's resolution.
 
     Args:
         problem: Box, metric, resolution and validity.
@@ -48,7 +48,7 @@ def first_invalid_states(problem: Problem, states: FloatArray, count: int, *, se
         seed: Seed of the choices.
 
     Returns:
-        Shape (m, n), m <= count: of each motion that is stopped the first state that is not valid.
+        First invalid state of each motion that has one, shape (m, n), m <= count.
 
     Raises:
         InvalidValueError: The states are not points near the problem's box, the count or the seed is not

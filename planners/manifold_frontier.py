@@ -1,4 +1,4 @@
-"""First invalid states, or constraints, along walks on a manifold."""
+"""First invalid states, or blocking constraints, along walks on a manifold."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ from .frontier import motions_away
 from .problem import Problem
 from .vectors import FloatArray
 
-_SECONDS = 0.2  # for all walks
+_SECONDS = 0.2  # time budget of all walks [s]
 
 
 def first_blocked_states(
     problem: Problem, manifold: ConstraintManifold, states: FloatArray, count: int, *, seed: int = 0
 ) -> tuple[FloatArray, Counter[str]]:
-    """Return where random walks away from states on a manifold become invalid, and what else ends them.
+    """Return where random walks away from states on a manifold become invalid, and what constraints end them.
 
-    Each leads from one of the states towards an even sample of the box, along the manifold.
+    Each walk leads from one of the states towards a uniform sample of the box, along the manifold.
 
     Args:
         problem: Box, metric, resolution and validity.
         manifold: The constraints.
-        states: Valid states on it, shape (k, n).
+        states: Valid states on the manifold, shape (k, n).
         count: Number of walks.
         seed: Seed of the choices.
 
     Returns:
-        Shape (m, n), of each walk that something stops the first state that is not valid; and how often each
-        constraint, by its name, lets a walk lead no nearer to its aim.
+        First invalid state of each walk that has one, shape (m, n); and by the name of each constraint, how
+        many walks it keeps from coming nearer to their targets.
     """
     invalid, ended = [], Counter[str]()
     with Explorer(problem, manifold, Deadline(_SECONDS)) as explorer:

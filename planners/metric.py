@@ -18,9 +18,8 @@ from .vectors import FloatArray, finite_vector, real_numbers
 class Metric(FrozenArrays):
     """Weighted Euclidean metric ``d(a, b) = sqrt(sum_i (w_i (a_i - b_i))^2)``.
 
-    A weight turns the unit of its coordinate into the common unit of length of the problem: with radians
-    everywhere and weights of one, a distance is in radians; with lever arms [m/rad] as weights it is in
-    meters.
+    A weight converts the unit of its coordinate into the common unit of length of the problem: with radians
+    everywhere and weights of one, a distance is in radians; with lever arms [m/rad] as weights, in meters.
 
     Attributes:
         weights: w, shape (n,), each above zero [length unit per coordinate unit].
@@ -58,7 +57,7 @@ class Metric(FrozenArrays):
         """Return d(a, b) [length unit] of states of shape (..., n), broadcast; shape (...,).
 
         Raises:
-            InvalidValueError: for anything but numbers of shapes that go together, or NaN.
+            InvalidValueError: for anything but numbers of shapes that can be broadcast, or NaN.
         """
         first, second = real_numbers("a", a), real_numbers("b", b)
         try:
@@ -78,7 +77,7 @@ class Metric(FrozenArrays):
             points: Way-points, shape (k, n).
 
         Returns:
-            Shape (k,), starting at 0, never decreasing.
+            Arc lengths, shape (k,), starting at 0, never decreasing.
 
         Raises:
             InvalidValueError: for another shape, or NaN.

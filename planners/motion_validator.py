@@ -1,8 +1,8 @@
 """Validity of states and motions: a planner's only access to the world.
 
 A planner has no access to obstacles, joints or links.  It has one query, "how far along this edge are states
-valid?", of a C function at an address.  Behind it is machine code (`CompiledMotionValidator`), or a callable
-that says which states of a batch are valid (`StateValidityChecker`), which a `MotionValidator` calls back.
+valid?", answered by a C function at an address: machine code (`CompiledMotionValidator`), or a
+`MotionValidator` that calls a Python callable (`StateValidityChecker`) for batches of states.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from .problem import Problem
 
 MAX_BATCH = 256
-"""Most states passed in one call: what a time budget can be overrun by."""
+"""Maximum number of states passed in one call: a time budget can be overrun by so many."""
 
 _FIRST_BATCH = 24
 _GROWTH = 4
@@ -42,11 +42,11 @@ _Signature = ctypes.CFUNCTYPE(
 
 @runtime_checkable
 class StateValidityChecker(Protocol):
-    """What a user supplies: a callable over a batch of states.
+    """Callable that a user supplies: the validity of a batch of states.
 
     It receives a C-contiguous float64 array of shape (m, n) with m >= 1, which it must not modify, and
-    returns a boolean array of shape (m,), True where the state is valid.  The same state must always get the
-    same answer.
+    returns a boolean array of shape (m,), True where the state is valid.  The result for a state must always
+    be the same.
     """
 
     def __call__(self, states: FloatArray, /) -> BoolArray:
@@ -63,6 +63,7 @@ def _check_states(address: int, memory: Floats1, states: Floats2, answers: Flags
 
 
 def _no_memory() -> FloatArray:
+    """Return memory of one unused number."""
     return np.zeros(1)
 
 
@@ -75,20 +76,20 @@ class CompiledMotionValidator:
         int64_t last_valid_step(const double *a, const double *b, int64_t steps, double *memory)
 
     which tests the states ``a + (b - a) j / steps`` for j = 1 .. steps (the last one is exactly b; a itself
-    is not tested), or more that are spaced evenly, and returns `steps` if all are valid and otherwise less.
-    It may look at them in any order: what an edge meets is found soonest if the first are spread over it.  It
-    must not keep
-    the addresses, and must give the same answer for the same arguments.  Several threads may call it at once,
-    each with its own memory.
+    is not tested), or more states that are spaced evenly, and returns `steps` if all are valid, else less.
+    It may test the states in any order: an obstacle is found soonest if the first states are spread over the
+    edge.  It must not keep the addresses, and must return the same result for the same arguments.  Several
+    threads may call it at once, each with its own memory.
 
-    The value is also a callable over a batch of states (see `StateValidityChecker`).
+    The object is also a callable over a batch of states (see `StateValidityChecker`).
 
     Attributes:
         address: Address of the function.
         n: Number of coordinates of a state.
-        new_memory: Returns fresh memory for one thread: a C-contiguous float64 array of one or more entries.
-        keep_alive: What must live as long as the address is used (the library, the scene's tables); held here
-            and not used otherwise.
+        new_memory: Function that returns new memory for one thread: a C-contiguous float64 array of one or
+            more entries.
+        keep_alive: Object that must live as long as the address is used (the library, the scene's tables);
+            held here and not used otherwise.
     """
 
     address: int
@@ -100,7 +101,7 @@ class CompiledMotionValidator:
         """Check the fields.
 
         Raises:
-            InvalidValueError: The address is no address, or there is no coordinate.
+            InvalidValueError: The address is not an address, or there is no coordinate.
         """
         for name in ("address", "n"):
             object.__setattr__(self, name, whole_number(name, getattr(self, name), 1, math.inf))
@@ -111,7 +112,7 @@ class CompiledMotionValidator:
         """Return new memory, checked.
 
         Raises:
-            InvalidValueError: `new_memory` returned something else than a C-contiguous float64 vector.
+            InvalidValueError: `new_memory` did not return a C-contiguous float64 vector.
         """
         memory = self.new_memory()
         if (
@@ -139,19 +140,18 @@ class CompiledMotionValidator:
 
 
 class MotionValidator:
-    """A validity checker together with the metric and the resolution at which edges are checked; it counts.
+    """A validity checker with the metric and resolution at which edges are checked, and counters.
 
     Edges are checked at states no further apart than the resolution, so each point of an edge found valid
     lies within half the resolution of a state that was checked.  If the invalid set is grown by half the
-    resolution (measured in the metric), a valid edge is valid at every point; without such a margin it may
+    resolution (measured in the metric), a valid edge is valid at every point; without that margin it may
     cut a corner.
 
-    When the time budget runs out, what has not been checked yet counts as not valid: no answer is ever
-    guessed.
+    When the time budget runs out, states that have not been checked count as not valid: no result is guessed.
 
     Attributes:
         metric: The metric of the edges.
-        resolution: Greatest distance between checked states of an edge [length unit of the metric].
+        resolution: Maximum distance between checked states of an edge [length unit of the metric].
         deadline: Time budget.
         calls: Number of calls of the checker so far.
         states: Number of states tested so far.
@@ -169,7 +169,7 @@ class MotionValidator:
         Args:
             valid: The checker.
             metric: The metric of the edges.
-            resolution: Greatest distance between checked states of an edge [length unit of the metric].
+            resolution: Maximum distance between checked states of an edge [length unit of the metric].
             deadline: Time budget; none if omitted.
 
         Raises:
@@ -185,17 +185,16 @@ class MotionValidator:
         self.states = 0
 
     def states_valid(self, states: FloatArray) -> BoolArray:
-        """Return which states are valid, asking for all of them at once.
+        """Return which states are valid, by one call of the checker.
 
         Args:
-            states: Shape (m, n).
+            states: States, shape (m, n).
 
         Returns:
-            Shape (m,), True where valid.
+            True where valid, shape (m,).
 
         Raises:
-            InvalidValueError: The states have another shape, or the checker answered with something else than
-                (m,) booleans.
+            InvalidValueError: The states have another shape, or the checker did not return (m,) booleans.
         """
         states = np.ascontiguousarray(real_numbers("states", states))
         if states.ndim != 2 or states.shape[1] != self.metric.n:
@@ -217,7 +216,7 @@ class MotionValidator:
             steps: Number of steps, one or more.
 
         Raises:
-            InvalidValueError: for ends of another shape or a number of steps that is none.
+            InvalidValueError: for ends of another shape or an invalid number of steps.
         """
         steps, shape = whole_number("steps", steps, 1), (self.metric.n,)
         for name, end in (("a", a), ("b", b)):
@@ -238,6 +237,7 @@ class MotionValidator:
 
     @staticmethod
     def _batches(count: int) -> Iterator[slice]:
+        """Yield slices of up to `MAX_BATCH` states, the first ones smaller."""
         start, size = 0, _FIRST_BATCH
         while start < count:
             stop = min(start + size, count)
@@ -248,8 +248,8 @@ class MotionValidator:
 class ValidatorCallback:
     """A `MotionValidator` behind the address of a C function; used in a `with` block around the planner.
 
-    An exception cannot pass through machine code: from then on every state is invalid, the planner has to
-    stop, and the exception is raised when the block ends.  It has to stop as well when time has run out.
+    An exception cannot pass through machine code: after one every state is invalid, the planner has to stop,
+    and the exception is raised when the block ends.  The planner also has to stop when time has run out.
 
     Attributes:
         code: The validity function, which calls the validator.
@@ -259,10 +259,10 @@ class ValidatorCallback:
         """Make the C function.
 
         Args:
-            validator: What is called.
+            validator: The validator that is called.
             n: Number of coordinates.
-            counters: Of the planner, integers, shape (k,) with k > STOP; counters[STOP] is set when it is to
-                stop.
+            counters: Counters of the planner, integers, shape (k,) with k > STOP; counters[STOP] is set when
+                the planner has to stop.
         """
         self._validator, self._n = validator, n
         self._counters = np.zeros(STOP + 1, dtype=np.int64) if counters is None else counters
@@ -278,7 +278,7 @@ class ValidatorCallback:
         return self.code
 
     def __exit__(self, *_: object) -> None:
-        """Raise what the checker raised; write to the counters how often it was called."""
+        """Raise the checker's exception; add the numbers of its calls and states to the counters."""
         validator, counters = self._validator, self._counters
         counters[STOP] = 0
         counters[STATES] = self._before[STATES] + validator.states
@@ -287,6 +287,7 @@ class ValidatorCallback:
             raise self._error
 
     def _answer(self, a: int, b: int, steps: int, memory: int) -> int:
+        """Call the validator back from machine code; 0 after an exception."""
         if self._error is not None:
             return 0
         try:
@@ -310,9 +311,9 @@ def machine_code_of(
 
     Args:
         problem: The problem.
-        deadline: Time budget of a Python checker; what it has not checked in time counts as not valid.
-        resolution: See `Problem.validator`.
-        counters: Of the planner, integers, shape (k,), see `ValidatorCallback`.
+        deadline: Time budget of a Python checker; states not checked in time count as not valid.
+        resolution: Resolution other than the problem's [length unit of the metric].
+        counters: Counters of the planner, integers, shape (k,), see `ValidatorCallback`.
     """
     if isinstance(problem.validity, CompiledMotionValidator):
         return nullcontext(problem.validity)

@@ -1,4 +1,4 @@
-"""Planners of the Open Motion Planning Library, through the same problem and result."""
+"""Planners of the Open Motion Planning Library (OMPL), with the problem and result of this package."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ OMPL_PLANNERS = (
     "TRRT", "PRM", "PRMstar", "FMT", "BFMT", "PDST", "STRIDE", "BiTRRT", "LBTRRT", "BiEST", "ProjEST",
     "LazyPRM", "LazyPRMstar", "SPARS", "SPARStwo",
 )  # fmt: skip
-"""The names in MoveIt's configuration of OMPL."""
+"""Names of planners in MoveIt's configuration of OMPL."""
 
 IMPROVING = ("RRTstar", "PRMstar", "PRM")
-"""Use all of their time."""
+"""Planners that improve their path until the time budget is used up."""
 
 TWO_THREADS = ("PRM", "PRMstar", "SPARS", "SPARStwo")
-"""Look for solutions in a second thread.  It asks for the validity of further goals, and would wait for ever
-for Python, which the first thread holds: these get one goal at a time."""
+"""Planners that look for solutions in a second thread.  That thread would check further goals and wait
+forever for Python, which the first thread holds: such planners get one goal at a time."""
 
 MANY_THREADS = ("AnytimePathShortening",)
-"""Ask for validity in several threads, which would wait for ever for Python."""
+"""Planners that check validity in several threads, which would wait forever for Python."""
 
 
 class _OmplModules(NamedTuple):
@@ -43,7 +43,7 @@ class _OmplModules(NamedTuple):
 
 
 def available_ompl_planners() -> tuple[str, ...]:
-    """Return those of `OMPL_PLANNERS` that the installed `ompl` has; empty where it is not installed."""
+    """Return the `OMPL_PLANNERS` that the installed `ompl` has; empty if it is not installed."""
     try:
         library = _library()
     except MissingDependencyError:
@@ -58,19 +58,19 @@ def ompl_plan(
 ) -> Result:
     """Search a path with a planner of OMPL.
 
-    Coordinates are scaled by the metric's weights, so that OMPL's distances are the problem's.  OMPL asks for
-    one state at a time; a Python checker is called as often.  The path is as OMPL leaves it: pass it to
+    Coordinates are scaled by the metric's weights, so that OMPL's distances are the problem's.  OMPL checks
+    one state at a time, with one call of a Python checker each.  The path is not shortened: pass it to
     `shortcut`.  Planners that look for solutions in a second thread (`TWO_THREADS`) try one goal after
-    another, the nearest first, each with an equal share of the time that is left.
+    another, the nearest first, with the remaining time divided equally.
 
     I. A. Sucan, M. Moll and L. E. Kavraki, The Open Motion Planning Library, IEEE Robotics & Automation
     Magazine 19 (2012).
 
     Args:
-        problem: What to plan; its goals must be states, not a sampler.
+        problem: The problem; its goals must be states, not a sampler.
         planner: A name of `OMPL_PLANNERS` that the installed library has.
-        seed: OMPL has one generator for the whole process and takes a seed before its first use only: the
-            same seed gives the same result in a new process, for the first call.
+        seed: Seed of OMPL's generator.  OMPL has one for the whole process and takes a seed before its first
+            use only: the same seed gives the same result in a new process, for the first call.
         timeout: Time budget [s].  Planners that improve their path use all of it.
 
     Returns:
@@ -78,7 +78,7 @@ def ompl_plan(
 
     Raises:
         MissingDependencyError: `ompl` is not installed.
-        InvalidValueError: for a planner that there is not, or a problem with a sampler of goals.
+        InvalidValueError: for an unknown planner, or a problem with a sampler of goals.
     """
     library = _library()
     if planner in MANY_THREADS:
@@ -110,7 +110,7 @@ def ompl_plan(
 
 
 class _OmplProblem:
-    """A problem as OMPL sees it: the coordinates that can change, scaled by the metric's weights."""
+    """A problem for OMPL: the coordinates that can change, scaled by the metric's weights."""
 
     def __init__(self, library: _OmplModules, problem: Problem, validator: MotionValidator) -> None:
         self._library, self._problem, self._validator = library, problem, validator
@@ -121,11 +121,11 @@ class _OmplProblem:
     def run(
         self, make: Callable[[Any], Any], seed: int, deadline: Deadline, alone: bool
     ) -> tuple[Status, FloatArray | None, int | None]:
-        """Search; returns the status, and the way-points and the goal's number if there is a path.
+        """Return the status of a search, and the way-points and the goal's index if there is a path.
 
         Args:
             make: Class of the planner.
-            seed: Of OMPL's generator.
+            seed: Seed of OMPL's generator.
             deadline: Time budget.
             alone: Whether goals are tried one after another.
         """
@@ -152,7 +152,7 @@ class _OmplProblem:
         return Status.NO_PATH_IN_TIME, None, None
 
     def _path_to(self, goals: list[int], make: Callable[[Any], Any], seconds: float) -> FloatArray | None:
-        """Return way-points to one of some goals, shape (m, n), found within a time [s]; None without any."""
+        """Return way-points to one of some goals, shape (m, n), found within a time [s], or None."""
         base, geometric, _ = self._library
         problem = self._problem
         space = base.RealVectorStateSpace(self._free.size)
@@ -196,6 +196,7 @@ class _OmplProblem:
 
 
 def _library() -> _OmplModules:
+    """Return OMPL's modules; raise MissingDependencyError if `ompl` is not installed."""
     try:
         from ompl import base, geometric, util
     except ImportError as error:
@@ -204,5 +205,5 @@ def _library() -> _OmplModules:
 
 
 def _class_of(library: _OmplModules, name: str) -> Callable[[Any], Any] | None:
-    """Return the class of a planner; MoveIt leaves the 1 of KPIECE1 out."""
+    """Return the class of a planner, None if unknown; MoveIt omits the 1 of KPIECE1."""
     return getattr(library.geometric, name, None) or getattr(library.geometric, f"{name}1", None)

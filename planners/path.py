@@ -1,4 +1,4 @@
-"""A path of way-points joined by straight edges."""
+"""Path of way-points joined by straight edges."""
 
 from __future__ import annotations
 
@@ -43,12 +43,12 @@ class Path:
 
     @classmethod
     def trusted(cls, points: FloatArray, metric: Metric, arc_lengths: FloatArray | None = None) -> Path:
-        """Return the path through way-points that are known to be sound, without checking or copying them.
+        """Return the path through way-points that are known to be valid input, without check or copy.
 
         Args:
             points: Finite float64 way-points, shape (k, n), that are not written to afterwards.
             metric: The metric of n coordinates.
-            arc_lengths: Length up to each of them where that is known, shape (k,).
+            arc_lengths: Arc length at each way-point, shape (k,); computed if omitted.
         """
         path = cls.__new__(cls)
         path.__dict__.update(points=read_only(points), weights=metric.weights, metric=metric)
@@ -98,11 +98,11 @@ class Path:
         span = self.arc_lengths[edge + 1] - self.arc_lengths[edge]
         fraction = (lengths - self.arc_lengths[edge]) / np.where(span > 0.0, span, 1.0)
         first, last = self.points[edge], self.points[edge + 1]
-        # Both ends of an edge are met exactly, whatever the rounding of the difference.
+        # Both ends of an edge are met exactly, despite the rounding of the difference.
         return np.where(fraction[..., None] >= 1.0, last, first + fraction[..., None] * (last - first))
 
     def edge_index(self, s: FloatArray) -> np.ndarray:
-        """Return the edges on which arc lengths lie: 0 .. k - 2, the later one at a way-point; shape of s.
+        """Return the edge's index at each arc length: 0 .. k - 2, the later one at a way-point; shape of s.
 
         Raises:
             InvalidValueError: for anything but numbers.
@@ -118,7 +118,7 @@ class Path:
         """Return the same polyline with way-points added, so that no two neighbors are further apart.
 
         Args:
-            spacing: Greatest distance of neighbors [length unit of the metric].
+            spacing: Maximum distance of neighbors [length unit of the metric].
 
         Returns:
             A path through all way-points of this one and equally spaced new ones on each edge.
@@ -129,7 +129,7 @@ class Path:
         spacing = positive_number("spacing", spacing)
         segments = [self.points[:1]]
         for a, b, length in zip(self.points[:-1], self.points[1:], np.diff(self.arc_lengths), strict=True):
-            # A hair of slack, or resampling twice would split edges that have just the right length.
+            # Tolerance for rounding, or resampling twice would split edges of exactly the spacing.
             steps = max(1, math.ceil(length / spacing * (1.0 - 1e-12)))
             fractions = np.arange(1, steps)[:, None] / steps
             segments += [a + fractions * (b - a), b[None, :]]
@@ -139,7 +139,7 @@ class Path:
         """Return the path without way-points that nearly repeat their predecessor; both ends are kept.
 
         Args:
-            tolerance: Way-points no further than this from the last kept one are dropped [length unit].
+            tolerance: Distance from the last kept way-point up to which others are dropped [length unit].
 
         Returns:
             A path of one or more way-points; of one only if all lie within the tolerance of the first one.

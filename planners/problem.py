@@ -1,4 +1,4 @@
-"""Planning problems: a box of states, a start, goals and their validity."""
+"""Planning problems: a box of states, a start, goals and the validity of states."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ from .vectors import (
 )
 
 FINEST_RESOLUTION = 1e-6
-"""Of the diagonal: a finer resolution would put more than a million states on one edge."""
+"""Minimum resolution relative to the diagonal: a finer one puts more than a million states on one edge."""
 
 BETWEEN_DRAWS = 32
-"""Iterations between the first two draws of a goal; the pause doubles with each draw."""
+"""Number of iterations between the first two draws of a goal; it doubles with each draw."""
 
 _STREAM = 0x60A1
 
 
 class GoalSampler(Protocol):
-    """What a user supplies instead of goals: a callable that draws a goal, or says that it has none now.
+    """Callable that a user supplies instead of goals: draws a goal, or returns None if it has none now.
 
-    It is called between pieces of the search: until the first valid goal is there, and now and then
-    afterwards.  A state that it returns lies inside the box; whether it is valid is asked then.
+    It is called between parts of the search: until the first valid goal is drawn, and occasionally
+    afterwards.  A state that it returns must lie inside the box; its validity is checked then.
     """
 
     def __call__(self, rng: np.random.Generator, /) -> ArrayLike | None:
@@ -49,27 +49,27 @@ class GoalSampler(Protocol):
 class Problem:
     """A motion planning problem in a box of n coordinates.
 
-    Everything is checked when the problem is made, and copied; arrays are read-only.  Whether start and goals
-    are *valid* is not asked here: that is a finding, and a status in the planner's result.
+    All fields are checked and copied when the problem is made; arrays are read-only.  Whether start and goals
+    are *valid* is not checked here: the planner's result has a status for it.
 
     Attributes:
         lower: Lower bounds of the box that is searched, shape (n,), finite.  A coordinate without bounds
             needs a finite sampling range here.
         upper: Upper bounds, shape (n,), finite, none below `lower`.
         start: Start state, shape (n,), inside the box.
-        goals: Goal states, shape (k, n), inside the box; any of them will do.  One goal may be given as (n,).
-            A callable that draws goals may be given instead (see `GoalSampler`); the attribute then has the
-            shape (0, n).
-        validity: Which states are valid: a callable (see `StateValidityChecker`), or machine code
-            (`CompiledMotionValidator`), which planners need not leave machine code to ask.
+        goals: Goal states, shape (k, n), inside the box; a path to any one solves the problem.  One goal may
+            be given as (n,).  A callable that draws goals may be given instead (see `GoalSampler`); the
+            attribute then has the shape (0, n).
+        validity: Validity of states: a callable (see `StateValidityChecker`), or machine code
+            (`CompiledMotionValidator`), which planners call without Python.
         weights: Weights of the metric, shape (n,), see `Metric`; ones if omitted.
-        resolution: Greatest distance between checked states of an edge [length unit of the metric]; a
+        resolution: Maximum distance between checked states of an edge [length unit of the metric]; a
             hundredth of the box's diagonal if omitted.
         labels: Names of the n coordinates, for messages; none if omitted.
         metric: The metric, made from the weights.
         goal_sampler: The callable that was given as `goals`; None if goals were given.
         n: Number of coordinates.
-        extent: Upper bounds less lower bounds, shape (n,).
+        extent: Upper bounds minus lower bounds, shape (n,).
         diagonal: Length of the box's diagonal [length unit of the metric].
     """
 
@@ -121,14 +121,14 @@ class Problem:
 
     @property
     def spacing(self) -> float:
-        """The resolution, which is a number once the problem is made [length unit of the metric]."""
+        """The resolution as a number [length unit of the metric]."""
         return float(self.resolution)  # type: ignore[arg-type]
 
     def with_validity(self, validity: StateValidityChecker) -> Problem:
         """Return the same problem with another validity of states.
 
         Raises:
-            InvalidValueError: It is machine code for another number of coordinates, or no callable.
+            InvalidValueError: It is machine code for another number of coordinates, or not callable.
         """
         _require_validity(validity, self.n)
         return self._with(validity=validity)
@@ -145,13 +145,13 @@ class Problem:
         )
 
     def _with(self, **fields: Any) -> Problem:
-        """Return a copy with other fields that are known to be sound."""
+        """Return a copy with other fields that need no check."""
         made = object.__new__(Problem)
         made.__dict__.update(self.__dict__, **fields)
         return made
 
     def require_same(self, quantity: str, n: int) -> None:
-        """Refuse a path, or something else, of another number n of coordinates.
+        """Refuse a quantity, such as a path, of another number n of coordinates.
 
         Raises:
             InvalidValueError: naming both numbers.
@@ -176,7 +176,7 @@ class Problem:
 
 
 class GoalSource:
-    """The goals of one run of a planner: those of the problem, then those that its sampler draws.
+    """Goals of one run of a planner: the problem's goals, then the goals that its sampler draws.
 
     Attributes:
         problem: The problem.
@@ -188,7 +188,7 @@ class GoalSource:
 
         Args:
             problem: The problem.
-            seed: Seed of the generator that the sampler is given.
+            seed: Seed of the generator that is passed to the sampler.
         """
         self.problem = problem
         self.count = len(problem.goals)
@@ -198,7 +198,7 @@ class GoalSource:
         """Return another goal, shape (1, n); None if the sampler has none now.
 
         Raises:
-            InvalidValueError: The sampler returned something else than a finite state inside the box.
+            InvalidValueError: The sampler did not return a finite state inside the box.
         """
         problem = self.problem
         if problem.goal_sampler is None:
@@ -213,7 +213,7 @@ class GoalSource:
 
 
 def _one_or_many(goals: ArrayLike) -> ArrayLike:
-    """Return goal states, shape (k, n); one of shape (n,) is the only row, anything else is left as it is."""
+    """Return goal states, shape (k, n); one of shape (n,) becomes the only row, others are unchanged."""
     try:
         return read_only(np.asarray(goals)[None, :].copy()) if np.ndim(goals) == 1 else goals
     except ValueError:  # ragged rows: refused with a message by the check that follows
@@ -221,6 +221,7 @@ def _one_or_many(goals: ArrayLike) -> ArrayLike:
 
 
 def _checked_labels(labels: Sequence[str] | None) -> tuple[str, ...] | None:
+    """Return labels as a tuple of different names, or None; refuse anything else."""
     if labels is None:
         return None
     allowed = "n different names, or None"
@@ -239,7 +240,7 @@ def _checked_bounds(
     Args:
         lower: Lower bounds, shape (n,).
         upper: Upper bounds, shape (n,).
-        n: Number of coordinates; None for that of the lower bounds.
+        n: Number of coordinates; None for the number of lower bounds.
         labels: Names of the coordinates for messages.
 
     Raises:
@@ -270,6 +271,7 @@ def _checked_bounds(
 
 
 def _require_validity(validity: object, n: int) -> None:
+    """Refuse a validity that is not callable, or machine code for another number of coordinates."""
     if isinstance(validity, CompiledMotionValidator):
         if validity.n != n:
             got = f"machine code for {validity.n} coordinates"
@@ -279,6 +281,7 @@ def _require_validity(validity: object, n: int) -> None:
 
 
 def _checked_resolution(resolution: float | None, diagonal: float) -> float:
+    """Return the resolution [length unit of the metric], 1 % of the diagonal for None."""
     if resolution is None:
         return diagonal / 100.0
     value = positive_number("resolution", resolution)

@@ -1,4 +1,4 @@
-"""Other goals that a path to one of them passes near."""
+"""Replacement of a path's goal by another goal that the path passes near."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from .search_space import STOP, SearchSpace, distance, edge_valid, space_of, ste
 
 
 class PathTable(NamedTuple):
-    """A path.
+    """A path for machine code.
 
     Attributes:
         points: Way-points, shape (k, n).
-        lengths: Arc length at each, shape (k,).
+        lengths: Arc length at each way-point, shape (k,).
     """
 
     points: Floats2
@@ -30,20 +30,20 @@ class PathTable(NamedTuple):
 
 
 def rejoin(problem: Problem, path: Path, goal: int, *, gain: float = 0.01) -> tuple[Path, int]:
-    """End a path at another goal where a straight edge from one of its way-points makes it shorter.
+    """End a path at another goal if a straight edge from one of its way-points makes it shorter.
 
     All goals but the path's own are tried from all way-points but the last.  A search from the start to each
-    goal would compare more, and takes as long as the first search each time.
+    goal would compare more paths, but each takes as long as the first search.
 
     Args:
-        problem: What was planned; several goals, or nothing is tried.
+        problem: The problem that was solved; with one goal nothing is tried.
         path: A valid path to one of the goals.
-        goal: Number of that goal.
-        gain: Part of the length that has to be saved.
+        goal: Index of the path's goal.
+        gain: Minimum ratio of the length that has to be saved.
 
     Returns:
-        The path, its new edge valid at the problem's resolution, and the number of its goal; those given
-        where no other is shorter.
+        The path, its new edge valid at the problem's resolution, and the index of its goal; the path and goal
+        given if no other is shorter.
     """
     others = [k for k in range(len(problem.goals)) if k != goal]
     if not others:
@@ -70,16 +70,16 @@ def shortest_end(
     rows: Floats2,
     counters: Ints1,
 ) -> int:
-    """Return the way-point from which a straight edge to some goal makes the shortest path; -1 for none.
+    """Return the way-point from which a straight edge to a goal makes the shortest path; -1 for none.
 
     Args:
         space: Box, metric and validity.
         route: The path.
-        goals: Other goals, shape (m, n).
-        order: The goals that are tried, first to last; order[0] becomes the one that is met.
-        gain: What has to be saved [length unit of the metric].
+        goals: Goals, shape (m, n).
+        order: Indices of the goals that are tried, in order; order[0] becomes the goal that is reached.
+        gain: Minimum length that has to be saved [length unit of the metric].
         rows: Scratch space, shape (2, n).
-        counters: See `search_space.last_valid_step`.
+        counters: Counters of the planner, see `search_space.STATES`.
     """
     points, lengths = route.points, route.lengths
     best, found, met = lengths[-1] - gain, -1, -1

@@ -71,10 +71,10 @@ class StopReason(Enum):
 
 
 class Improvement(NamedTuple):
-    """A moment at which a planner had a better path.
+    """Time and cost at which a planner had a better path.
 
     Attributes:
-        time: Since the planner was called [s].
+        time: Time since the planner was called [s].
         cost: Length of the path [length unit of the metric].
         iteration: Number of samples drawn until then.
     """
@@ -86,29 +86,31 @@ class Improvement(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """The outcome of one run of a planner.
+    """Result of one run of a planner.
 
     Attributes:
-        status: How it ended.
+        status: Status of the run.
         path: The path from the start to one of the goals; None unless solved.
-        goal_index: Which of the goals was reached, of those drawn if they are drawn; None unless solved.
+        goal_index: Index of the goal that was reached, among the goals drawn if they are drawn; None unless
+            solved.
         cost: Length of the path [length unit of the metric]; infinite unless solved.
         iterations: Number of samples drawn.
-        states_checked: Number of states whose validity was asked for; of machine code, those up to the first
-            invalid one of each call.
-        validity_calls: Number of batches, or of pieces of edges, in which it was asked for.
+        states_checked: Number of states whose validity was checked; for machine code, the states up to the
+            first invalid one of each call.
+        validity_calls: Number of calls of the validity checker, for batches of states or parts of edges.
         time: Wall time [s].
         seed: Seed of the run: the same problem and seed give the same result, if time does not run out.
-        history: Falling costs, of planners that improve a path; the first entry is the path they began with.
-        lower_bound: Length that no path can be below, the straight line to the nearest valid goal, of
-            planners that improve a path [length unit of the metric]; 0 otherwise.
+        history: Falling costs, for planners that improve a path; the first entry is the initial path.
+        lower_bound: Lower bound on the length, the straight line to the nearest valid goal, for planners that
+            improve a path [length unit of the metric]; 0 otherwise.
         stop_reason: Why a planner that improves a path stopped; None otherwise.
-        tree_sizes: Nodes of the trees of the start and of the goals, of planners with two trees that found no
-            path; None otherwise.
-        frontier: Some nodes of the tree that is shut in, or of the smaller one, shape (m, n), of the same
-            planners; None otherwise.  `first_invalid_states` finds what is around them.
-        residual: Largest error as a multiple of its tolerance, of planners on a manifold: of the path's
-            way-points, or of the start or the nearest goal if that is off the manifold; nan otherwise.
+        tree_sizes: Numbers of nodes of the trees of the start and of the goals, for planners with two trees
+            that found no path; None otherwise.
+        frontier: Some nodes of the tree that is shut in, or of the smaller one, shape (m, n), for planners
+            with two trees that found no path; None otherwise.  `first_invalid_states` finds invalid states
+            around the nodes.
+        residual: Maximum error as a multiple of its tolerance, for planners on a manifold: of the path's
+            way-points, or of the start or the nearest goal if it is off the manifold; nan otherwise.
     """
 
     status: Status
@@ -141,13 +143,13 @@ class Result:
         """Return the result of a run that is over.
 
         Args:
-            status: How it ended.
-            counters: Of the planner, see `search_space.STATES`.
-            deadline: Its clock.
-            seed: Its seed.
-            path: Its path.
-            goal: The goal that was reached.
-            **more: Other fields, or other values of those above.
+            status: Status of the run.
+            counters: Counters of the planner, see `search_space.STATES`.
+            deadline: Time budget of the run.
+            seed: Seed of the run.
+            path: The path; None unless solved.
+            goal: Index of the goal that was reached.
+            **more: Other fields, or other values of the fields above.
         """
         made = object.__new__(cls)
         states, calls, _, iterations = counters[: ITERATIONS + 1].tolist()
@@ -167,7 +169,7 @@ class Result:
 
     @property
     def gap(self) -> float:
-        """Part by which the length exceeds the lower bound; infinite where there is no bound."""
+        """Relative excess of the length over the lower bound; infinite without a bound."""
         return self.cost / self.lower_bound - 1.0 if self.lower_bound > 0.0 else math.inf
 
     def __str__(self) -> str:

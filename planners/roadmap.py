@@ -1,4 +1,4 @@
-"""A roadmap of one world, for many queries."""
+"""Probabilistic roadmap of one world, for many queries."""
 
 from __future__ import annotations
 
@@ -43,20 +43,20 @@ from .vectors import (
     whole_number,
 )
 
-_FEWEST_NODES, _GROWTH = 128, 1.5  # that are added where there is no path
-_FIRST_NODES, _EDGES_PER_NODE = 512, 24  # for which there is space at first
-_MOST_NEIGHBORS = 64
-_SAME = 1e-9  # of the box's diagonal
+_FEWEST_NODES, _GROWTH = 128, 1.5  # minimum number of nodes, and growth factor, while there is no path
+_FIRST_NODES, _EDGES_PER_NODE = 512, 24  # initial capacity of nodes, and edges per node
+_MOST_NEIGHBORS = 64  # maximum number of neighbors to which a new node is joined
+_SAME = 1e-9  # distance below which two states are one node, relative to the box's diagonal
 _STREAM = 3
 
-# How a call ends.
+# Statuses of a call.
 DONE, TIME_UP, FULL, NO_PATH = range(4)
 
-# Places in `counters`, after those of all planners.
+# Indices into `counters`, after the indices common to all planners.
 DRAWN, NODES, EDGES, QUERY, REACHED = range(ITERATIONS + 1, ITERATIONS + 6)
 _COUNTERS = REACHED + 1
 
-# Rows of `nodes`: first arc, arc from the parent, last query that closed it, last query that has it as goal.
+# Rows of `nodes`: first arc, arc from the parent, last query that closed the node, last query to the node.
 HEAD, FROM, CLOSED, IS_GOAL = range(4)
 _NODE_ROWS = 4
 
@@ -70,17 +70,17 @@ class RoadmapGraph(NamedTuple):
     """A graph in arrays with space for m nodes and k edges.
 
     Attributes:
-        states: Shape (m, n).
+        states: States of the nodes, shape (m, n).
         lanes: Scaled states, shape (m / 16, n, 16).
-        nodes: See the rows above, shape (4, m).
-        costs: Length from the start, shape (m,).
-        arcs: See the rows above, shape (2, 2 k).
-        lengths: Of edges, shape (k,).
-        findings: What is known of edges, shape (k,).
-        keys: Of the heap: the least length of a path through an arc, shape (2 k + 2,).
+        nodes: Integers of the nodes, see the rows above, shape (4, m).
+        costs: Length of the path from the start [length unit of the metric], shape (m,).
+        arcs: Integers of the arcs, see the rows above, shape (2, 2 k).
+        lengths: Lengths of the edges [length unit of the metric], shape (k,).
+        findings: UNKNOWN, VALID or INVALID for each edge, shape (k,).
+        keys: Keys of the heap: minimum length of a path through an arc, shape (2 k + 2,).
         heap: Arcs, shape (2 k + 2,).
         rows: Scratch space, shape (3, n).
-        counters: See the places above.
+        counters: Counters, see the indices above.
     """
 
     states: Floats2
@@ -99,23 +99,21 @@ class RoadmapGraph(NamedTuple):
 class Roadmap:
     """A graph of valid states whose edges are checked when a query first needs them.
 
-    Nodes are even samples of the box; each is joined to its nearest neighbors.  A query makes its ends nodes
-    and searches the shortest path by A*, whose edges are checked when they come up; what was found out about
-    an edge is kept.  While there is no path, nodes are added.  So the first query in a world costs about as
-    much as a search by `rrt_connect`, and later ones less and less; and paths come near the shortest ones as
-    the roadmap grows.
+    Nodes are uniform samples of the box; each is joined to its nearest neighbors.  A query makes its ends
+    nodes and searches the shortest path by A*, which checks an edge when it needs it first and keeps the
+    result.  While there is no path, nodes are added.  So the first query in a world costs about as much as a
+    search by `rrt_connect`, and later queries less and less; and paths approach the shortest ones as the
+    roadmap grows.
 
-    A roadmap belongs to one world: once validity changes, make a new one.  It is not to be used
-    by several threads at once.  The same queries in the same order give the same answers, unless time runs
-    out.
+    A roadmap belongs to one world: once validity changes, make a new one.  Several threads must not use it
+    at once.  The same queries in the same order give the same results, unless time runs out.
 
     Source: L. E. Kavraki et al., Probabilistic roadmaps for path planning in high-dimensional configuration
     spaces, IEEE Trans. Robotics and Automation 12(4), 1996; R. Bohlin and L. E. Kavraki, Path planning using
     lazy PRM, ICRA 2000; number of neighbors: S. Karaman and E. Frazzoli, 2011.
 
     Attributes:
-        problem: The world: box, metric and validity; its start and goals are those of a query that names
-            none.
+        problem: The world: box, metric and validity; its start and goals are the default of a query.
         seed: Seed of the samples.
     """
 
@@ -125,7 +123,7 @@ class Roadmap:
         Args:
             problem: The world.
             seed: Seed of the samples.
-            resolution: Greatest distance between checked states of an edge [length unit of the metric]; the
+            resolution: Maximum distance between checked states of an edge [length unit of the metric]; the
                 problem's if omitted.
 
         Raises:
@@ -149,18 +147,18 @@ class Roadmap:
 
     @property
     def edges_checked(self) -> int:
-        """Number of edges of which it is known whether they are valid."""
+        """Number of edges that have been checked."""
         return self._edges(INVALID) + self._edges(VALID)
 
     def grow(self, nodes: int, *, timeout: float = 1.0) -> int:
         """Add nodes, for shorter paths or for quicker queries later.
 
         Args:
-            nodes: How many.
+            nodes: Number of nodes.
             timeout: Time budget [s].
 
         Returns:
-            How many were added before time ran out.
+            Number of nodes that were added before time ran out.
 
         Raises:
             InvalidValueError: An argument is not allowed.
@@ -181,12 +179,13 @@ class Roadmap:
 
         Args:
             start: Start state, shape (n,); the problem's if omitted.
-            goals: Goal states, shape (k, n) or (n,), any of which will do; the problem's if omitted.
+            goals: Goal states, shape (k, n) or (n,), any one of which is to be reached; the problem's if
+                omitted.
             timeout: Time budget [s].
-            max_nodes: Greatest number of nodes to which the roadmap may grow.
+            max_nodes: Maximum number of nodes to which the roadmap may grow.
 
         Returns:
-            The result, whose path is the shortest one on the roadmap; without one its status names why.
+            The result, whose path is the shortest one on the roadmap; without a path its status says why.
 
         Raises:
             InvalidValueError: A state has the wrong shape, is not finite or outside the box, or there is no
@@ -221,7 +220,7 @@ class Roadmap:
             goals: Valid states, shape (g, n).
             ends: Nodes of start and goals, shape (1 + g,); -1 until they are nodes.
             deadline: Time budget.
-            max_nodes: Greatest number of nodes.
+            max_nodes: Maximum number of nodes.
         """
         while True:
             ended = self._connect(start, goals, ends, deadline)
@@ -266,7 +265,7 @@ class Roadmap:
         return states
 
     def _scatter(self, wanted: int, deadline: Deadline) -> int:
-        """Add valid samples until there are as many nodes as wanted; return how it ended."""
+        """Add valid samples until there are `wanted` nodes; return the status of the last call."""
         counters = self._graph.counters
         with machine_code_of(self.problem, Deadline(), None, counters) as code:
             space = space_of(self.problem, code, self._resolution)
@@ -281,12 +280,12 @@ class Roadmap:
                 )
 
     def _connect(self, start: FloatArray, goals: FloatArray, ends: np.ndarray, deadline: Deadline) -> int:
-        """Find the shortest path between valid ends; return how it ended.
+        """Find the shortest path between valid ends; return the status of the last call.
 
         Args:
             start: A valid state, shape (n,).
             goals: Valid states, shape (g, n).
-            ends: Nodes of start and goals, shape (1 + g,); those that are -1 are made and written.
+            ends: Nodes of start and goals, shape (1 + g,); entries of -1 are made nodes and written.
             deadline: Time budget.
         """
         counters = self._graph.counters
@@ -303,7 +302,7 @@ class Roadmap:
                         2 * len(self._graph.states) + new,
                         2 * len(self._graph.lengths) + new * (_MOST_NEIGHBORS + 1),
                     )
-        except BaseException:  # what a checker refused while it failed is not known to be invalid
+        except BaseException:  # edges that a failing checker refused are not known to be invalid
             self._graph.findings[self._graph.findings == INVALID] = UNKNOWN
             raise
 
@@ -315,7 +314,7 @@ class Roadmap:
         return answers
 
     def _path(self) -> tuple[FloatArray, int]:
-        """Return the way-points of the path that was found, and the node of its goal."""
+        """Return the way-points of the path, shape (k, n), and the node of its goal."""
         reached = int(self._graph.counters[REACHED])
         nodes = [reached]
         while (arc := int(self._graph.nodes[FROM, nodes[-1]])) >= 0:
@@ -323,7 +322,7 @@ class Roadmap:
         return self._graph.states[nodes[::-1]], reached
 
     def _edges(self, finding: int) -> int:
-        """Return the number of edges of which this is known."""
+        """Return the number of edges with a finding: UNKNOWN, VALID or INVALID."""
         return int(np.count_nonzero(self._graph.findings[: self._graph.counters[EDGES]] == finding))
 
 
@@ -363,7 +362,7 @@ def _with_capacity(graph: RoadmapGraph, nodes: int, edges: int) -> RoadmapGraph:
 
 @compiled
 def _join(graph: RoadmapGraph, first: int, second: int, length: float) -> None:
-    """Add an edge."""
+    """Add an edge between two nodes."""
     edge = graph.counters[EDGES]
     graph.counters[EDGES] += 1
     graph.lengths[edge], graph.findings[edge] = length, UNKNOWN
@@ -376,6 +375,7 @@ def _join(graph: RoadmapGraph, first: int, second: int, length: float) -> None:
 
 @compiled
 def _are_joined(graph: RoadmapGraph, first: int, second: int) -> bool:
+    """Return whether an edge joins two nodes, or they are the same."""
     arc = graph.nodes[HEAD, first]
     while arc >= 0 and graph.arcs[TARGET, arc] != second:
         arc = graph.arcs[NEXT, arc]
@@ -384,7 +384,7 @@ def _are_joined(graph: RoadmapGraph, first: int, second: int) -> bool:
 
 @compiled
 def _add(graph: RoadmapGraph, state: FloatArray, weights: FloatArray, tolerance: float) -> int:
-    """Add a node joined to its nearest neighbors, or find the one that is there already; return it."""
+    """Add a node joined to its nearest neighbors, or find a node of the same state; return its index."""
     n, size = state.size, graph.counters[NODES]
     near, squares, count = np.empty(_MOST_NEIGHBORS, np.int64), np.empty(_MOST_NEIGHBORS), 0
     if size > 0:
@@ -408,6 +408,7 @@ def _add(graph: RoadmapGraph, state: FloatArray, weights: FloatArray, tolerance:
 
 @compiled
 def _push(graph: RoadmapGraph, size: int, key: float, arc: int) -> int:
+    """Push an arc onto the binary min-heap; return the heap's new size."""
     place = size
     while place > 0 and graph.keys[(place - 1) // 2] > key:
         above = (place - 1) // 2
@@ -419,7 +420,7 @@ def _push(graph: RoadmapGraph, size: int, key: float, arc: int) -> int:
 
 @compiled
 def _pop(graph: RoadmapGraph, size: int) -> int:
-    """Take the first entry off a heap; return its new size.  The entry is to be read before."""
+    """Remove the first entry of the heap, which is to be read before; return the heap's new size."""
     size -= 1
     key, arc = graph.keys[size], graph.heap[size]
     place = 0
@@ -439,7 +440,7 @@ def _pop(graph: RoadmapGraph, size: int) -> int:
 def _close(
     graph: RoadmapGraph, node: int, arc: int, cost: float, goals: FloatArray, weights: FloatArray, size: int
 ) -> int:
-    """Settle the cost of a node and put the arcs that leave it on the heap; return the heap's size."""
+    """Fix the cost of a node and push the arcs that leave it onto the heap; return the heap's size."""
     query = graph.counters[QUERY]
     graph.nodes[CLOSED, node], graph.nodes[FROM, node], graph.costs[node] = query, arc, cost
     leaving = graph.nodes[HEAD, node]
@@ -454,7 +455,7 @@ def _close(
 
 @compiled
 def _tolerance(space: SearchSpace) -> float:
-    """Return a distance below which states are one."""
+    """Return the distance below which two states are one node [length unit of the metric]."""
     return _SAME * distance(space.lower, space.lower + space.extent, space.weights)
 
 
@@ -466,7 +467,7 @@ def scatter(space: SearchSpace, graph: RoadmapGraph, seconds: float, key: np.uin
         space: Box, metric and validity.
         graph: The roadmap.
         seconds: Time budget [s].
-        key: Of the stream of random numbers.
+        key: Key of the stream of random numbers.
         wanted: Number of nodes.
 
     Returns:
@@ -489,14 +490,14 @@ def scatter(space: SearchSpace, graph: RoadmapGraph, seconds: float, key: np.uin
 def _add_ends(
     space: SearchSpace, graph: RoadmapGraph, start: FloatArray, goals: FloatArray, ends: np.ndarray
 ) -> bool:
-    """Make start and goals nodes that are joined; return False if the arrays may be too small.
+    """Make start and goals joined nodes; return False if the arrays may be too small.
 
     Args:
         space: The box and its metric.
         graph: The graph.
         start: A valid state, shape (n,).
         goals: Valid states, shape (g, n).
-        ends: Their nodes, shape (1 + g,), the result.
+        ends: Nodes of start and goals, written, shape (1 + g,).
     """
     counters, new, tolerance = graph.counters, 1 + goals.shape[0], _tolerance(space)
     edges = counters[EDGES] + new * (_MOST_NEIGHBORS + 1)
@@ -512,7 +513,7 @@ def _add_ends(
 
 @compiled
 def _can_be_taken(space: SearchSpace, graph: RoadmapGraph, source: int, target: int, edge: int) -> bool:
-    """Return whether an edge is valid, finding it out if that is not known."""
+    """Return whether an edge is valid, and check it if that is unknown."""
     if graph.findings[edge] == UNKNOWN:
         a, b = graph.states[source], graph.states[target]
         steps = step_count(graph.lengths[edge], space.resolution)
@@ -530,7 +531,7 @@ def connect(
     goals: FloatArray,
     ends: np.ndarray,
 ) -> int:
-    """Find the shortest path from start to one of the goals on the roadmap, checking edges on the way.
+    """Find the shortest path from start to one of the goals on the roadmap; edges are checked when needed.
 
     Args:
         space: Box, metric and validity.

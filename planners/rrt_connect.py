@@ -56,12 +56,14 @@ from .tree_growth import (
 )
 from .vectors import FloatArray, positive_number, seed_number, whole_number
 
-LONGEST_STEP = 0.1  # of the diagonal: longest extension
-_SHUT_IN_SAMPLES, _SHUT_IN_RATE, _SHUT_IN_EXTENT = 1000, 0.002, 0.25  # from, below, or below (in diagonals)
+LONGEST_STEP = 0.1  # maximum length of an extension relative to the box's diagonal
+# A tree is shut in if it has tried at least so many samples, and grew at a lower rate per sample or to a
+# smaller extent in diagonals.
+_SHUT_IN_SAMPLES, _SHUT_IN_RATE, _SHUT_IN_EXTENT = 1000, 0.002, 0.25
 _MOST_SAMPLES = 100_000_000
 _NEAR_ROUND = 1024  # samples of a round in the region that is `WIDTH` straight lines wide; both double
-_FIRST = np.zeros(1, dtype=np.int64)  # the order of a single goal
-_FIRST_POINTS = 256  # way-points of the workspace of a first round
+_FIRST = np.zeros(1, dtype=np.int64)  # order of a single goal
+_FIRST_POINTS = 256  # number of way-points in the workspace of a first round
 
 
 def rrt_connect(
@@ -74,16 +76,16 @@ def rrt_connect(
 ) -> Result:
     """Search a path with two trees that grow towards samples and towards each other.
 
-    One tree grows from the start, one from all valid goals at once.  A tree is extended from its node nearest
-    to a uniform sample towards it, by no more than `step`; if all of that is valid, it goes on from there to
-    the nearest node of the other tree in equal parts, as far as they are valid.  If it gets there, the path
-    is found.  The trees take turns until one has twice the nodes of the other; then the smaller one grows
-    alone, since what shuts it in is what the search must find a way through.  A node from which an extension
-    failed is taken for samples in a ball around it only.  Such searches mostly find a path soon or go on for
-    very long; so they restart, with other samples, after rounds of 1, 1, 2, 1, 1, 2, 4, 1, 1, 2, ... times
-    16,384 samples.  Where the box is far wider than start and goals are apart, as with a base that drives,
-    shorter rounds before these draw samples near the ends only, each from twice as far as the one before.
-    Before any of this, the straight edges from the start to the goals are tried, nearest goal first.
+    First, the straight edges from the start to the goals are tried, nearest goal first.  Then one tree grows
+    from the start and one from all valid goals at once.  A tree is extended from its node nearest to a
+    uniform sample towards the sample, by no more than `step`; if that edge is valid, the tree goes on to the
+    nearest node of the other tree in equal parts, as far as they are valid.  If it reaches that node, the
+    path is found.  The trees take turns until one has twice the nodes of the other; then the smaller one
+    grows alone, since the search must find a way out of it.  A node from which an extension failed is used
+    only for samples in a ball around it.  RRT-Connect mostly finds a path soon or runs for very long; so it
+    restarts, with other samples, after rounds of 1, 1, 2, 1, 1, 2, 4, 1, 1, 2, ... times 16,384 samples.  If
+    the box is far wider than the distance of start and goals, as with a base that drives, shorter rounds come
+    first that draw samples near the ends only, each from twice as far as the round before.
 
     Sources: J. J. Kuffner and S. M. LaValle, RRT-Connect: an efficient approach to single-query path
     planning, ICRA 2000; J. J. Kuffner and S. M. LaValle, An efficient approach to path planning using
@@ -93,9 +95,9 @@ def rrt_connect(
     Luby, A. Sinclair and D. Zuckerman, Optimal speedup of Las Vegas algorithms, Information Processing
     Letters 47, 1993, for the rounds.
 
-    The path is valid at the problem's resolution (see `MotionValidator` for what that promises), is in no way
+    The path is valid at the problem's resolution (see `MotionValidator` for what that guarantees), but not
     short, and its length is not bounded: pass it to `shortcut`.  The planner cannot prove that there is no
-    path; but where one tree hardly grows, the status says that this end is shut in.
+    path; but if one tree hardly grows, the status says that this end is shut in.
 
     It runs as machine code.  A validity checker that is a Python callable is called back from there, which
     gives the same result, later.
@@ -104,12 +106,12 @@ def rrt_connect(
     128, ... iterations.
 
     Args:
-        problem: What to plan.
+        problem: The problem.
         seed: Seed of the samples; the same seed gives the same result unless time runs out.
         timeout: Time budget [s]; overrun by one edge, by one batch of at most 256 states of a Python checker,
             or by one call of a sampler of goals.
-        max_iterations: Greatest number of samples.
-        step: Greatest length of an extension [length unit of the metric]; a tenth of the box's diagonal if
+        max_iterations: Maximum number of samples.
+        step: Maximum length of an extension [length unit of the metric]; a tenth of the box's diagonal if
             omitted.
 
     Returns:
@@ -132,14 +134,14 @@ def rrt_connect(
 
 
 class Search:
-    """One run: the arrays of the trees, which grow, the goals, and the way back."""
+    """One run of the search: arrays of the trees, goals, and the path."""
 
     def __init__(
         self, problem: Problem, code: CompiledMotionValidator, trees: Trees, seed: int, step: float | None
     ) -> None:
         self._problem, self._seed, self._key, self._trees = problem, seed, stream_key(seed, 0), trees
         self._round, self._round_end, self._width, self._step = 0, 0, WIDTH, step
-        self._sizes, self._extents = [0, 0], [0.0, 0.0]  # the largest of the trees of all rounds
+        self._sizes, self._extents = [0, 0], [0.0, 0.0]  # maxima over the trees of all rounds
         self._space = space_of(
             problem, code, problem.spacing, LONGEST_STEP * problem.diagonal if step is None else step
         )
@@ -167,7 +169,7 @@ class Search:
         return self._status(ended, False)
 
     def _first_round(self, deadline: Deadline, max_iterations: int) -> int:
-        """Plant both trees and let them grow as far as machine code goes by itself."""
+        """Plant both trees and grow them within one call of machine code."""
         problem, left = self._problem, deadline.left
         ends = PathEnds(problem.start, problem.goals, self._make_space(problem.goals))
         ended: int = first_round.native(
@@ -176,15 +178,16 @@ class Search:
         return ended
 
     def resumed(self, deadline: Deadline, max_iterations: int = _MOST_SAMPLES) -> Status:
-        """Go on with trees that `first_round` has planted and grown."""
+        """Continue with trees that `first_round` has planted and grown; return the status."""
         return whole(self.resuming(deadline, max_iterations))
 
     def resuming(self, deadline: Deadline, max_iterations: int = _MOST_SAMPLES) -> Slices[Status]:
-        """Do what `resumed` does, with pauses."""
+        """Continue with trees that `first_round` has planted and grown, with pauses; return the status."""
         self._round, self._round_end, self._width = 1, ROUND, math.inf
         return self._status((yield from self.growing(max_iterations, deadline)), False)
 
     def _status(self, ended: int, endless: bool) -> Status:
+        """Return the status of a run; without a valid goal it is NO_GOAL if `endless`."""
         if ended == FOUND:
             return Status.SOLVED
         if ended == START_INVALID:
@@ -196,7 +199,7 @@ class Search:
         return Status.NO_PATH_IN_TIME if ended == TIME_UP else Status.OUT_OF_ITERATIONS
 
     def plant(self, goals: FloatArray, first: int, deadline: Deadline) -> int:
-        """Make valid ends the roots and try the straight edges; return how it ended."""
+        """Make valid ends the roots and try the straight edges; return the status of `plant`."""
         order, start = self._make_space(goals), self._problem.start
         return plant(self._space, self._trees, deadline.left, start, goals, order, first)
 
@@ -209,11 +212,11 @@ class Search:
         return np.argsort(apart, kind="stable")
 
     def grow(self, iterations: int, deadline: Deadline) -> int:
-        """Grow both trees up to a number of iterations in all; return how it ended."""
+        """Grow both trees up to a number of iterations in all; return the status of `grow`."""
         return whole(self.growing(iterations, deadline))
 
     def growing(self, iterations: int, deadline: Deadline) -> Slices[int]:
-        """Do what `grow` does, with pauses."""
+        """Grow both trees up to a number of iterations in all, with pauses; return the status of `grow`."""
         if self._round_end == 0:
             self._next_round()
         trees = self._trees
@@ -241,7 +244,7 @@ class Search:
 
     @property
     def found_straight(self) -> bool:
-        """Whether the path that was found is a straight edge."""
+        """Whether the path is a straight edge."""
         return bool(self._trees.counters[BY_EDGE])
 
     def begin(self, deadline: Deadline) -> bool:
@@ -254,12 +257,12 @@ class Search:
         return float(self._problem.metric.distance(self._problem.start, self._roots()).min())
 
     def _roots(self) -> FloatArray:
-        """Return the valid goals, shape (k, n); all of them where none is known to be."""
+        """Return the valid goals, shape (k, n); all goals if none is known to be valid."""
         trees, size = self._trees, int(self._trees.counters[GOAL_SIZE])
         return trees.states[1, :size][trees.parents[1, :size] < 0] if size else self._problem.goals
 
     def _next_round(self) -> None:
-        """Begin the next round: short ones near the ends first, then those of the whole box."""
+        """Begin the next round: first short rounds near the ends, then rounds in the whole box."""
         trees, region = self._trees, np.array([self._problem.lower, self._problem.upper])
         if trees.counters[ITERATIONS]:
             self._forget_nodes()
@@ -275,7 +278,7 @@ class Search:
         self._round_end = self.samples + ROUND * luby(self._round)
 
     def is_valid(self, points: FloatArray) -> bool:
-        """Whether all edges of a path are valid, each by itself."""
+        """Return whether all edges of a path are valid, each checked separately."""
         space, counters = self._space, self._trees.counters
         lengths = self._problem.metric.distance(points[:-1], points[1:])
         counts = np.maximum(np.ceil(lengths / space.resolution), 1.0).astype(int).tolist()
@@ -285,13 +288,13 @@ class Search:
         )
 
     def below(self, bound: float, iterations: int, deadline: Deadline, inside: float = math.inf) -> bool:
-        """Search again for a path, with so many samples; return whether there is one.
+        """Search again for a path below a length; return whether there is one.
 
         Args:
-            bound: Length that the path has to be below [length unit of the metric].
+            bound: Upper bound on the path's length [length unit of the metric].
             iterations: Number of samples.
             deadline: Time budget.
-            inside: Samples are drawn where a path of this length leads through [length unit of the metric].
+            inside: Length of the paths through whose states samples are drawn [length unit of the metric].
         """
         self._forget_nodes()
         region = np.array([self._problem.lower, self._problem.upper])
@@ -327,13 +330,13 @@ class Search:
         return self.result(status, deadline, seed, *found)
 
     def _stuck_side(self) -> int:
-        """Return the tree that its samples extended less often: 0 of the start, 1 of the goals."""
+        """Return the tree that its samples extended less often: 0 for the start's, 1 for the goals'."""
         tried, grew = (self._trees.counters[place : place + 2] for place in (TRIED, GREW))
         rates = (grew + 1.0) / (tried + 1.0)
         return int(rates[1] < rates[0])
 
     def _is_shut_in(self) -> bool:
-        """Whether hardly any sample extended the stuck tree, or it never got far."""
+        """Return whether hardly any sample extended the stuck tree, or its extent stayed small."""
         self._note_trees()
         side, counters = self._stuck_side(), self._trees.counters
         tried, grew = int(counters[TRIED + side]), int(counters[GREW + side])
@@ -341,7 +344,7 @@ class Search:
         return tried >= _SHUT_IN_SAMPLES and (grew < _SHUT_IN_RATE * tried or narrow)
 
     def _note_trees(self) -> None:
-        """Keep the sizes and extents of the trees if they are the largest so far."""
+        """Update the maximum sizes and extents of the trees."""
         trees, metric = self._trees, self._problem.metric
         for side in range(2):
             states = trees.states[side, : trees.counters[START_SIZE + side]]
@@ -371,7 +374,7 @@ class Search:
         self._space = self._space._replace(lower=region[0], extent=region[1] - region[0], reach=reach)
 
     def _is_smaller_than_box(self, bound: float) -> bool:
-        """Whether the states through which paths are below a bound fill less than the space's box."""
+        """Return whether the states on paths below a bound fill less than the space's box."""
         if bound == math.inf:
             return False
         problem, n = self._problem, self._problem.n
@@ -383,7 +386,7 @@ class Search:
         return inside < float(np.log(np.maximum(extent, 1e-300)).sum())
 
     def path(self) -> tuple[Path, int]:
-        """Return the path along which the trees have met, and its goal."""
+        """Return the path along which the trees have met, and the index of its goal."""
         trees, (points, lengths) = self._trees, _workspace(self._problem.n)
         count = int(trees.counters[WAY_POINTS]) or write_path(self._space, trees, points, lengths)
         if count > len(lengths):
@@ -393,7 +396,7 @@ class Search:
         return path, int(trees.counters[GOAL])
 
     def end(self) -> None:
-        """Leave the memory of the trees to other searches; it must not be used afterwards."""
+        """Release the memory of the trees to other searches; the search must not be used afterwards."""
         leave_trees(self._trees)
 
     def _grow_while_drawing(self, source: GoalSource, deadline: Deadline, max_iterations: int) -> int:
@@ -420,7 +423,7 @@ class Search:
 
 
 class _FirstRoundWorkspaces(threading.local):
-    """Of each thread, arrays for way-points of n coordinates and for lengths."""
+    """Arrays of each thread for way-points of n coordinates and for lengths, by n."""
 
     def __init__(self) -> None:
         self.of: dict[int, tuple[FloatArray, FloatArray]] = {}
@@ -430,7 +433,7 @@ _workspaces = _FirstRoundWorkspaces()
 
 
 def _workspace(n: int) -> tuple[FloatArray, FloatArray]:
-    """Return this thread's arrays for the way-points that a first round finds, and for their lengths."""
+    """Return this thread's arrays for the way-points of a first round, and for their arc lengths."""
     arrays = _workspaces.of.get(n)
     if arrays is None:
         arrays = _workspaces.of[n] = np.empty((_FIRST_POINTS, n)), np.empty(_FIRST_POINTS)

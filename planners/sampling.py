@@ -18,7 +18,7 @@ _WORD = 2**64 - 1
 
 @compiled("float64(uint64, int64)", lean=True)
 def uniform(key: np.uint64, number: int) -> float:
-    """Return the random number in [0, 1) of a place in the stream of a key."""
+    """Return the random number in [0, 1) at an index of the stream of a key."""
     z = mixed(key + np.uint64(number + 1) * GAMMA)
     return np.int64(z >> np.uint64(11)) * (1.0 / 9007199254740992.0)
 
@@ -52,7 +52,7 @@ def luby(k: int) -> int:
 
 @compiled(lean=True)
 def normal_number(key: np.uint64, place: int) -> float:
-    """Return a normally distributed number made of two of the stream.
+    """Return a normally distributed number, made of two numbers of the stream.
 
     Source: G. E. P. Box and M. E. Muller, A note on the generation of random normal deviates, 1958.
     """
@@ -62,7 +62,7 @@ def normal_number(key: np.uint64, place: int) -> float:
 
 @compiled(lean=True)
 def random_state(space: SearchSpace, key: np.uint64, place: int, sample: FloatArray) -> int:
-    """Write an even sample of the box; return how many numbers were drawn."""
+    """Write a uniform sample of the box, shape (n,); return how many numbers were drawn."""
     for i in range(sample.size):
         sample[i] = space.lower[i] + uniform(key, place + i) * space.extent[i]
     return sample.size
@@ -79,11 +79,11 @@ def within_ellipsoid(
     axis: FloatArray,
     sample: FloatArray,
 ) -> bool:
-    """Write an even sample of the states through which a path from start to goal is no longer than a length.
+    """Write a uniform sample of the states on paths from start to goal that are no longer than a length.
 
-    They form an ellipsoid whose foci are start and goal.  A sample of the unit ball is stretched along the
-    first axis, which a Householder reflection then turns into the direction of the goal.  2 n + 1 numbers are
-    drawn; `axis` is scratch space, shape (n,).
+    The states form an ellipsoid whose foci are start and goal.  A sample of the unit ball is stretched along
+    the first axis, which a Householder reflection then maps to the direction of the goal.  2 n + 1 numbers
+    are drawn; `axis` is scratch space, shape (n,).
 
     Source: J. D. Gammell, S. S. Srinivasa and T. D. Barfoot, Informed RRT*, IROS 2014.
 

@@ -1,4 +1,4 @@
-"""The space that compiled planners search: a box, a metric, and the validity of motions in it."""
+"""Space that compiled planners search: a box, a metric, and the validity of motions in the box."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ if TYPE_CHECKING:
     from .problem import Problem
 
 STATES, CALLS, STOP, ITERATIONS = range(4)
-"""First places of a planner's counters: states looked at, calls of the validity function, a sign to stop, and
+"""First indices of a planner's counters: states checked, calls of the validity function, stop flag, and
 iterations."""
 
-_FIRST_STEPS = 8  # of an edge that is checked coarsely first
+_FIRST_STEPS = 8  # number of states of an edge that are checked in the first, coarse pass
 
 
 class SearchSpace(NamedTuple):
-    """The box, the metric and the validity function of a problem, as machine code takes them.
+    """The box, the metric and the validity function of a problem, for machine code.
 
     Attributes:
         validity: Address of the validity function, see `CompiledMotionValidator`.
-        memory: Its memory.
+        memory: Memory of the validity function.
         clock: Address of `clock_gettime`.
-        resolution: Greatest step of an edge [length unit of the metric].
-        reach: Greatest length of an extension [length unit of the metric].
+        resolution: Maximum step of an edge [length unit of the metric].
+        reach: Maximum length of an extension [length unit of the metric].
         lower: Lower bounds, shape (n,).
-        extent: Upper bounds less lower bounds, shape (n,).
-        weights: Of the metric, shape (n,).
+        extent: Upper bounds minus lower bounds, shape (n,).
+        weights: Weights of the metric, shape (n,).
     """
 
     validity: int
@@ -54,9 +54,9 @@ def space_of(
 
     Args:
         problem: The problem.
-        code: Its validity as a C function.
-        resolution: Greatest distance between checked states of an edge [length unit of the metric].
-        reach: Greatest length of an extension [length unit of the metric].
+        code: The problem's validity as a C function.
+        resolution: Maximum distance between checked states of an edge [length unit of the metric].
+        reach: Maximum length of an extension [length unit of the metric].
     """
     memory, lower, weights = code.fresh_memory(), problem.lower, problem.metric.weights
     return SearchSpace(
@@ -66,7 +66,7 @@ def space_of(
 
 @compiled(lean=True)
 def distance(a: FloatArray, b: FloatArray, weights: FloatArray) -> float:
-    """Return the distance of two states, shapes (n,)."""
+    """Return the distance of two states, shapes (n,) [length unit of the metric]."""
     total = 0.0
     for i in range(a.size):
         difference = (b[i] - a[i]) * weights[i]
@@ -80,9 +80,9 @@ def measure(points: FloatArray, size: int, weights: FloatArray, lengths: FloatAr
 
     Args:
         points: The points, shape (m, n), of which the first `size` count.
-        size: How many.
-        weights: Of the metric, shape (n,).
-        lengths: Written, shape (m,).
+        size: Number of points.
+        weights: Weights of the metric, shape (n,).
+        lengths: Arc lengths, written, shape (m,) [length unit of the metric].
     """
     lengths[0] = 0.0
     for k in range(1, size):
@@ -91,7 +91,7 @@ def measure(points: FloatArray, size: int, weights: FloatArray, lengths: FloatAr
 
 @compiled(lean=True)
 def distance_to_nearest(state: FloatArray, goals: FloatArray, weights: FloatArray) -> float:
-    """Return the distance of a state, shape (n,), from the nearest of some others, shape (k, n)."""
+    """Return the distance of a state, shape (n,), from the nearest of some goals, shape (k, n)."""
     least = math.inf
     for g in range(goals.shape[0]):
         least = min(least, distance(state, goals[g], weights))
@@ -113,7 +113,7 @@ def last_valid_step(space: SearchSpace, a: Floats1, b: Floats1, steps: int, coun
         a: Start of the edge, shape (n,).
         b: End of the edge, shape (n,).
         steps: Number of states.
-        counters: Of the planner, see `STATES`.
+        counters: Counters of the planner, see `STATES`.
     """
     count = call_four(space.validity, a.ctypes.data, b.ctypes.data, steps, space.memory.ctypes.data)
     counters[STATES] += min(count + 1, steps)
@@ -141,9 +141,9 @@ def edge_valid(
         space: The space.
         a: Start of the edge, shape (n,), taken to be valid unless `with_start`.
         b: End of the edge, shape (n,).
-        steps: Least number of states.
+        steps: Minimum number of states.
         rows: Scratch space, shape (2, n) or more; a and b must not lie in its first two rows.
-        counters: Of the planner, see `STATES`.
+        counters: Counters of the planner, see `STATES`.
         with_start: Whether the start is checked too, up to its rounding, together with the first states.
     """
     doublings = 0

@@ -31,25 +31,26 @@ from .tree import grown
 from .vectors import FloatArray, seed_number, whole_number
 
 LEAST_GAIN = 1e-5
-"""Of the length: less is not worth asking for validity."""
+"""Minimum gain relative to the length: a smaller one is not worth validity checks."""
 
-FLAT = 1e-9  # of the length: a way-point this near to the chord of its neighbors is dropped
-_FINER = 8  # an accepted edge hugs obstacles, so it is checked more closely than an edge of a search
+FLAT = 1e-9  # distance to the neighbors' chord, relative to the length, up to which a way-point is dropped
+_FINER = 8  # factor of finer checks than in a search, since accepted edges graze obstacles
 STREAM = 1
-_SPARE = 32
+_SPARE = 32  # minimum number of points by which the capacity grows
 _DRAWS = 4  # random numbers of one iteration
-_MOST_NEW = 3  # way-points that one iteration may add
+_MOST_NEW = 3  # maximum number of way-points that one iteration adds
 
-# Of attempts with detours: parts that contract along a direction or go over another state, part whose places
-# are drawn near each other, from how near (e to the minus this, of the length), and greatest contraction.
+# Attempts with detours: fractions that contract along a direction and that go over another state, fraction
+# whose two arc lengths are drawn near each other, their minimum distance (exp(-value), relative to the
+# length), and maximum contraction before it is cut to 1.
 _CONTRACTS, _VIA, _LOCAL, _NARROWEST, _MOST_SHARE = 0.6, 0.2, 0.2, 4.0, 4.0
 
-_INSIDE = 1.0 - 1e-12  # of the box's extent, for rounding
+_INSIDE = 1.0 - 1e-12  # fraction of the box's extent that is used, for rounding
 
-# How a call ends.
+# Statuses of a call.
 DONE, TIME_UP, FULL = range(3)
 
-# Places in `counters`, after those of all planners.
+# Indices into `counters`, after the indices common to all planners.
 SIZE, GAINED = ITERATIONS + 1, ITERATIONS + 2
 _COUNTERS = GAINED + 1
 
@@ -59,10 +60,10 @@ class Polyline(NamedTuple):
 
     Attributes:
         points: Way-points, counters[SIZE] of them, shape (m, n).
-        part: Workspace for a part of it, shape (m, n).
-        lengths: Arc lengths of the points, and of those of `part`, shape (2, m).
+        part: Workspace for a part of the polyline, shape (m, n).
+        lengths: Arc lengths of `points`, and of `part`, shape (2, m).
         rows: Workspace, shape (2, n).
-        counters: See the places above.
+        counters: Counters, see the indices above.
     """
 
     points: Floats2
@@ -85,20 +86,20 @@ def shortcut(
 ) -> Path:
     """Shorten a valid path; the result is never longer, and has the same ends.
 
-    Each iteration picks two places of the path, way-points or points on edges, and tries to replace what lies
-    between: by the straight edge, or (every other time) by letting a single coordinate run straight while the
-    others keep their course, which removes the detour of one coordinate where the whole edge is blocked.
+    Each iteration picks two points of the path, way-points or points on edges, and tries to replace the part
+    between them: by the straight edge, or (every other time) by making a single coordinate linear while the
+    others stay, which removes the detour of one coordinate where the whole edge is blocked.
 
     Source of the single-coordinate variant: R. Geraerts and M. H. Overmars, Creating high-quality paths for
     motion planning, Int. J. of Robotics Research 26(8), 2007.
 
     It runs as machine code; a validity checker that is a Python callable is called back from there.
 
-    With detours, one iteration in five replaces what lies between by two edges over a state that is drawn
-    evenly from those through which the way is shorter, and three draw a direction of the space along which
-    what lies between runs straighter, all of the way or in part, while it keeps its course across.  That lets
-    a path slide along obstacles and past corners that hold it where no straight edge is free: where the
-    straight edge is blocked by one obstacle, a fair part of all directions is not.
+    With detours, one iteration in five replaces the part by two edges over a state that is drawn uniformly
+    from the states that make the part shorter, and three in five draw a direction of the space along which
+    the part is contracted towards the straight edge, fully or partly, while it is unchanged across.  Detours
+    let a path slide along obstacles and past corners where no straight edge is free: where one obstacle
+    blocks the straight edge, many directions are free.
 
     Args:
         problem: Supplies the validity, the metric and the resolution; its start and goals are not used.
@@ -106,12 +107,12 @@ def shortcut(
         seed: Seed of the choices; the same seed gives the same path unless time runs out.
         iterations: Number of attempts.
         timeout: Time budget [s].
-        resolution: Greatest distance between checked states of a new edge [length unit of the metric]; an
+        resolution: Maximum distance between checked states of a new edge [length unit of the metric]; an
             eighth of the problem's if omitted, because short-cuts tend to graze obstacles.
-        least_gain: Part of the path's length, from 0 to below 1, that a short-cut has to save.  With a
-            hundredth, most time goes into short-cuts that matter.
+        least_gain: Minimum ratio of the path's length, from 0 to below 1, that a short-cut has to save.  With
+            a hundredth, most time goes into short-cuts that matter.
         detours: Whether two edges over another state, and contraction along directions, are tried too; for
-            paths that are to become as short as they can, with hundreds of iterations and more.
+            the shortest paths, with hundreds of iterations or more.
 
     Returns:
         The shortened path.  Edges that were not replaced are not checked again.
@@ -146,7 +147,7 @@ def shortcut(
 
 
 def new_polyline(points: FloatArray, counters: Ints1 | None = None) -> Polyline:
-    """Return a polyline of these points, of which no more than counters[SIZE] count."""
+    """Return a polyline in an array of points, shape (m, n), of which the first counters[SIZE] count."""
     if counters is None:
         counters = np.zeros(_COUNTERS, dtype=np.int64)
     return Polyline(
@@ -156,7 +157,7 @@ def new_polyline(points: FloatArray, counters: Ints1 | None = None) -> Polyline:
 
 @compiled
 def _copy(source: FloatArray, first: int, count: int, target: FloatArray, place: int) -> None:
-    """Copy points to places before or behind their own, in an order that overwrites none."""
+    """Copy points to index `place` of an array that may be their own, in an order that overwrites none."""
     for j in range(count):
         k = j if place <= first else count - 1 - j
         for i in range(source.shape[1]):
@@ -208,7 +209,7 @@ def _up_to(lengths: FloatArray, size: int, s: float) -> int:
 
 @compiled
 def _choose(key: np.uint64, number: int, lengths: FloatArray, size: int, places: FloatArray) -> bool:
-    """Draw two arc lengths that are not on the same edge, of way-points or anywhere; False without luck."""
+    """Draw two arc lengths, of way-points or anywhere; return False if they are on one edge."""
     u, v = uniform(key, number + 1), uniform(key, number + 2)
     if uniform(key, number) < 0.5:
         first = int(u * size)
@@ -222,7 +223,7 @@ def _choose(key: np.uint64, number: int, lengths: FloatArray, size: int, places:
 
 @compiled
 def _choose_near(key: np.uint64, number: int, lengths: FloatArray, size: int, places: FloatArray) -> bool:
-    """Draw two arc lengths, their distance evenly in its logarithm; False if they are on one edge."""
+    """Draw two arc lengths, their distance uniform in its logarithm; return False if they are on one edge."""
     whole = lengths[size - 1]
     half = 0.5 * whole * math.exp(-_NARROWEST * uniform(key, number + 1))
     middle = whole * uniform(key, number + 2)
@@ -232,6 +233,7 @@ def _choose_near(key: np.uint64, number: int, lengths: FloatArray, size: int, pl
 
 @compiled
 def _state_at(points: FloatArray, lengths: FloatArray, size: int, s: float, state: FloatArray) -> None:
+    """Write the state of a polyline at an arc length, by linear interpolation."""
     edge = min(max(_up_to(lengths, size, s) - 1, 0), size - 2)
     span = lengths[edge + 1] - lengths[edge]
     fraction = min((s - lengths[edge]) / span, 1.0) if span > 0.0 else 0.0
@@ -245,7 +247,7 @@ def _state_at(points: FloatArray, lengths: FloatArray, size: int, s: float, stat
 def _straighten(
     part: FloatArray, count: int, lengths: FloatArray, coordinate: int, weights: FloatArray
 ) -> None:
-    """Let one coordinate of a polyline run straight from its first to its last point."""
+    """Make one coordinate of a polyline linear from its first to its last point."""
     measure(part, count, weights, lengths)
     change, whole = part[count - 1, coordinate] - part[0, coordinate], lengths[count - 1]
     for k in range(1, count - 1):
@@ -261,9 +263,9 @@ def _contract(
     direction: FloatArray,
     share: float,
 ) -> None:
-    """Let a polyline run straighter along one direction of the metric, by a share of what it is off.
+    """Move a polyline towards its chord along one direction of the metric, by a ratio `share` of its offset.
 
-    A direction may lead out of the box, to whose faces states are then taken back.
+    States that leave the box are clipped to its faces.
     """
     weights = space.weights
     measure(part, count, weights, lengths)
@@ -281,7 +283,7 @@ def _contract(
 
 @compiled
 def _draw_direction(key: np.uint64, place: int, direction: FloatArray) -> None:
-    """Write an evenly drawn direction."""
+    """Write a uniformly drawn direction, shape (n,)."""
     square = 0.0
     for i in range(direction.size):
         direction[i] = normal_number(key, place + 2 * i)
@@ -292,9 +294,9 @@ def _draw_direction(key: np.uint64, place: int, direction: FloatArray) -> None:
 
 @compiled
 def _valid(space: SearchSpace, line: Polyline, count: int) -> bool:
-    """Return whether the part is valid, its first point included, which may be any place on an edge.
+    """Return whether the part is valid, its first point included, which may be any point on an edge.
 
-    The edges in the middle, which are farthest from where the path was, are asked for first.
+    The edges in the middle, which are farthest from the old path, are checked first.
     """
     part, lengths, middle = line.part, line.lengths[1], (count - 1) // 2
     for j in range(count - 1):
@@ -308,7 +310,7 @@ def _valid(space: SearchSpace, line: Polyline, count: int) -> bool:
 
 @compiled
 def _replace(points: FloatArray, size: int, before: int, after: int, part: FloatArray, count: int) -> int:
-    """Put a polyline in the place of the points from `before` up to `after`; return the new size."""
+    """Replace the points from `before` up to `after` by a polyline; return the new size."""
     _copy(points, after, size - after, points, before + count)
     _copy(part, 0, count, points, before)
     return before + count + size - after
@@ -316,10 +318,10 @@ def _replace(points: FloatArray, size: int, before: int, after: int, part: Float
 
 @compiled
 def skip_ahead(space: SearchSpace, line: Polyline) -> None:
-    """Let a polyline go straight from each way-point, in turn, to one as far ahead as it can.
+    """Replace a polyline in place, from each way-point in turn, by the edge to a way-point far ahead.
 
-    The last is tried first, then the one halfway to it, and so on: few questions, which make few long edges.
-    What random short-cuts do one by one, asking about most of the way again each time, is mostly done then.
+    The last way-point is tried first, then the one halfway to it, and so on: few checks make few long edges.
+    They do most of the work of random short-cuts, which check most of the path again each time.
     """
     points, part, lengths, counters, k = line.points, line.part, line.lengths[1], line.counters, 0
     while k + 2 < counters[SIZE]:
@@ -338,9 +340,9 @@ def skip_ahead(space: SearchSpace, line: Polyline) -> None:
 
 @compiled
 def straighten_each(space: SearchSpace, line: Polyline, least_gain: float) -> None:
-    """Let each coordinate of a polyline, in turn, run straight from its start to its end where that is valid.
+    """Make each coordinate of a polyline, in turn, linear from its start to its end where that is valid.
 
-    What it has to save is a part of the length, as of `shorten`.
+    The minimum gain is a ratio of the length.
     """
     points, part, counters, weights = line.points, line.part, line.counters, space.weights
     lengths = line.lengths
@@ -375,10 +377,10 @@ def shorten(
         space: Box, metric and validity.
         line: The polyline.
         seconds: Time budget [s].
-        least_gain: What a short-cut has to save, as a part of the length.
-        key: Of the stream of random numbers.
-        iterations: Attempts in all, those of earlier calls included.
-        patience: Attempts in a row without a gain after which it ends.
+        least_gain: Minimum ratio of the length that a short-cut has to save.
+        key: Key of the stream of random numbers.
+        iterations: Number of attempts in all, earlier calls included.
+        patience: Number of attempts in a row without a gain after which it ends.
         detours: Whether to go over other states and to contract along directions, in place of single
             coordinates.
 

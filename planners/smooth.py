@@ -27,11 +27,11 @@ from .vectors import (
 )
 
 _MOST_SEGMENTS = 1_000_000
-_ROUNDS = 20  # halvings of the spacing before giving up: a millionth of it
+_ROUNDS = 20  # maximum number of halvings of the spacing, to a millionth of it
 _COARSE = 10.0  # first spacing of breaks, in units of the problem's resolution
-_FEWEST = 4  # pieces
-_SAMPLES = 32  # of a polyline that sines are fitted to
-_MERGE = 1e-9  # of the box's diagonal
+_FEWEST = 4  # minimum number of pieces
+_SAMPLES = 32  # number of samples of a polyline for the fit of sines
+_MERGE = 1e-9  # distance below which way-points are merged, relative to the box's diagonal
 _ADVICE = "plan and short-cut again at a finer resolution, or let the checker keep a margin"
 _FACTORS = ((1.0, 1.0, 1.0, 1.0), (1.0, 2.0, 3.0), (2.0, 6.0), (6.0,))  # p! / (p - derivative)!
 
@@ -88,7 +88,7 @@ class SmoothPath:
 
     @property
     def length(self) -> float:
-        """Last parameter value; no less than the curve's length [length unit of the metric]."""
+        """Maximum parameter, at least the curve's length [length unit of the metric]."""
         return float(self.breaks[-1])
 
     @property
@@ -105,7 +105,8 @@ class SmoothPath:
                 the later piece at a break.
 
         Returns:
-            Shape (..., n); exactly `start` at 0 and `goal` at `length` for derivative 0.
+            States or derivatives, shape (..., n); exactly `start` at 0 and `goal` at `length` for derivative
+            0.
 
         Raises:
             InvalidValueError: A parameter is NaN or outside [0, length], or the order is not 0 to 3.
@@ -124,10 +125,10 @@ class SmoothPath:
         """Return states no further apart than a spacing in the parameter, on each piece equally spaced.
 
         Args:
-            spacing: Greatest step of s.
+            spacing: Maximum step of s.
 
         Returns:
-            Shape (m, n), from start to goal, breaks included.
+            States, shape (m, n), from start to goal, breaks included.
 
         Raises:
             InvalidValueError: The spacing is not above zero.
@@ -165,13 +166,12 @@ def smooth(
     the polyline, and equals it where it is straight.  It starts and ends at the path's ends, at unit speed if
     the first and last edge are no shorter than a third of a piece.
 
-    All pieces are checked, at their ends, their middles and as often as the resolution asks;
-    around a piece that is not valid the knots t are halved, which pulls the curve to the polyline, until
-    all pieces are valid.
+    All pieces are checked at their ends, their middles and at the resolution.  Around an invalid piece the
+    spacing of the knots t is halved, which pulls the curve to the polyline, until all pieces are valid.
 
-    The path must itself be valid where the curve is checked.  A path that grazes obstacles may fail that by
-    the width of a sliver, since its edges were checked at other states; so let the validity of the planning
-    problem keep a larger margin than that of the problem given here.
+    The path must itself be valid where the curve is checked.  A path that grazes obstacles may just fail,
+    since its edges were checked at other states; so let the validity of the planning problem keep a larger
+    margin than the problem given here.
 
     Source: I. J. Schoenberg, On spline functions, 1967; C. de Boor, A practical guide to splines, 2001,
     chapter XI.
@@ -180,9 +180,9 @@ def smooth(
         problem: Supplies the validity, the metric and the resolution; its start and goals are not used.
         path: A valid path of the problem's coordinates, longer than zero.  Where it turns back on itself
             exactly, the curve's speed passes through zero.
-        spacing: Distance of breaks to begin with [length unit of the metric]; larger is rounder.  Ten times
-            the problem's resolution if omitted; at least four pieces are made.
-        resolution: Greatest distance between checked states of the curve [length unit of the metric]; the
+        spacing: Initial distance of breaks [length unit of the metric]; larger is rounder.  Ten times the
+            problem's resolution if omitted; at least four pieces are made.
+        resolution: Maximum distance between checked states of the curve [length unit of the metric]; the
             problem's if omitted.
 
     Returns:
@@ -206,11 +206,12 @@ def smooth(
 
 
 def _refine_until_valid(validator: MotionValidator, polyline: Path, breaks: FloatArray) -> SmoothPath:
+    """Return a valid spline, with pieces halved around invalid ones; raise InfeasibleError if none is."""
     is_new = np.ones(breaks.size, dtype=bool)
     worst = polyline.points[0]
     for _ in range(_ROUNDS):
         curve, abscissae = _spline(polyline, breaks)
-        # A piece depends on the three breaks to either side of it at most; only those can have changed it.
+        # A piece depends on at most three breaks to either side of it; only new breaks there change it.
         invalid = _invalid_segments(validator, curve, _dilated(is_new, 3)[:-1])
         if not invalid.any():
             return curve
@@ -222,16 +223,16 @@ def _refine_until_valid(validator: MotionValidator, polyline: Path, breaks: Floa
 
 
 def rounded_waypoints(path: Path, segments: int) -> FloatArray:
-    """Return the values at its breaks of the Schoenberg spline of a path, with breaks equally spaced.
+    """Return the states at equally spaced breaks of the Schoenberg spline of a path.
 
     See `smooth` for the curve; nothing is checked here.
 
     Args:
-        path: Two way-points or more, of some length.
+        path: Path of two or more way-points, longer than zero.
         segments: Number of pieces, 1 to 1,000,000.
 
     Returns:
-        Shape (pieces + 1, n); the first and the last row are the path's ends.
+        States, shape (segments + 1, n); the first and the last row are the path's ends.
 
     Raises:
         InvalidValueError: for another number of pieces.
@@ -253,7 +254,7 @@ def _spline(polyline: Path, breaks: FloatArray) -> tuple[SmoothPath, FloatArray]
 
 @compiled
 def _on_polyline(points: FloatArray, lengths: FloatArray, s: float, state: FloatArray) -> None:
-    """Write the state of a polyline at an arc length; `lengths` are those of its points."""
+    """Write the state of a polyline at an arc length; `lengths` holds the arc lengths of its points."""
     k = 0
     while k < lengths.size - 2 and lengths[k + 1] <= s:
         k += 1
@@ -273,7 +274,7 @@ def schoenberg_spline(
 
     Args:
         points: The polyline, two points or more, shape (m, n).
-        lengths: Arc length at each, shape (m,), rising.
+        lengths: Arc length at each point, shape (m,), rising.
         breaks: Ends of the k pieces, shape (k + 1,), rising from 0 to the polyline's length.
         abscissae: Written: arc lengths of the control points, shape (k + 3,).
         coefficients: Written: constant term first, shape (k, 4, n).
@@ -292,21 +293,21 @@ def schoenberg_spline(
 
 @compiled("void(float64[:, ::1], float64[::1], int64, float64, float64[:, ::1])")
 def sine_waypoints(points: Floats2, lengths: Floats1, waves: int, scale: float, curve: Floats2) -> None:
-    """Write points of a curve that departs from the straight way like a polyline does, by few sines.
+    """Write points of a curve: the straight line plus few sines, fitted to a polyline.
 
-    With q_0 and q_1 the ends of a polyline f, u its arc length as a part of the whole, and M samples:
+    With q_0 and q_1 the ends of a polyline f, u its arc length as a fraction of the whole, and M samples:
 
         q(u) = q_0 + u (q_1 - q_0) + a sum_{k=1}^{K} c_k sin(k pi u),
         c_k = 2 / M sum_{i=1}^{M-1} (f(i / M) - q_0 - i / M (q_1 - q_0)) sin(k pi i / M),
 
-    which for a = 1 is the least-squares fit (the discrete sine transform).  It has no corners to slow down
-    at; what it cuts off where f turns sharply, a greater a gives back.
+    which for a = 1 is the least-squares fit (the discrete sine transform).  The curve has no corners to slow
+    down at; it cuts sharp corners of f, which a larger a compensates.
 
     Args:
         points: The polyline, two points or more, shape (m, n).
-        lengths: Arc length at each, shape (m,), rising.
-        waves: K, below M = 32.
-        scale: a.
+        lengths: Arc length at each point, shape (m,), rising.
+        waves: Number K of sines, below M = 32.
+        scale: Amplitude factor a.
         curve: Written: the points at equal steps of u, shape (k + 1, n).
     """
     n, segments, pi = points.shape[1], curve.shape[0] - 1, math.pi
@@ -333,18 +334,18 @@ def power_basis(knots: Floats1, control: Floats2, coefficients: Floats3) -> None
     """Write the polynomials of a cubic B-spline.
 
     On the piece from t_j to t_{j+1} the control points are the values of the polar form at three successive
-    knots each, (t_{j-2}, t_{j-1}, t_j) and so on; interpolation in one argument at a time gives those at
+    knots each, (t_{j-2}, t_{j-1}, t_j) and so on; interpolation in one argument at a time gives the values at
     (s, s, s), (s, s, e), (s, e, e) and (e, e, e), s and e the ends of the piece: its Bezier points.
 
     Source: L. Ramshaw, Blossoms are polar forms, Computer Aided Geometric Design 6, 1989.
 
     Args:
-        knots: Shape (k + 7,).
+        knots: Knots t, shape (k + 7,).
         control: Control points, shape (k + 3, n).
         coefficients: Written: constant term first, shape (k, 4, n).
     """
     for j in range(coefficients.shape[0]):
-        # t_{j-2} .. t_{j+3} of the text
+        # t_{j-2} .. t_{j+3} of the docstring
         t0, t1, s, e, t4, t5 = (
             knots[j + 1], knots[j + 2], knots[j + 3], knots[j + 4], knots[j + 5], knots[j + 6]
         )  # fmt: skip
@@ -365,7 +366,7 @@ def power_basis(knots: Floats1, control: Floats2, coefficients: Floats3) -> None
 
 
 def _invalid_segments(validator: MotionValidator, curve: SmoothPath, which: BoolArray) -> BoolArray:
-    """Return which of the chosen pieces hold an invalid state, shape (k,)."""
+    """Return which of the chosen pieces contain an invalid state, shape (k,)."""
     widths = np.diff(curve.breaks)
     counts = np.maximum(2, np.ceil(widths / validator.resolution).astype(int))
     invalid = np.zeros(widths.size, dtype=bool)
@@ -397,6 +398,7 @@ def _halved(breaks: FloatArray, invalid: BoolArray) -> tuple[FloatArray, BoolArr
 
 
 def _dilated(mask: BoolArray, radius: int) -> BoolArray:
+    """Return a mask that is also True up to `radius` entries to either side of a True entry."""
     wide = mask.copy()
     for shift in range(1, radius + 1):
         wide[shift:] |= mask[:-shift]

@@ -1,4 +1,4 @@
-"""T-RRT: a bidirectional search that prefers valleys of a price of being at a state."""
+"""T-RRT: a bidirectional search that prefers states of low price."""
 
 from __future__ import annotations
 
@@ -51,17 +51,17 @@ from .tree import (
 )
 from .vectors import FloatArray, seed_number, whole_number
 
-_STEP = 0.03  # of the diagonal: longest extension
-_NEAR = 10.0  # steps: trees that are nearer are tried to be joined
-_PRICED = 4.0  # of the resolution: distance of states whose price is looked at
-_FIRST_HEAT = 1e-3  # of the price of the dearer end, at least of 1
-_HOTTER = 2.0**0.1
-_RANGE = 0.1  # of the prices met: a rise by as much halves the temperature
+_STEP = 0.03  # maximum length of an extension relative to the box's diagonal
+_NEAR = 10.0  # distance in steps below which joining the trees is tried
+_PRICED = 4.0  # distance of states whose price is evaluated, relative to the resolution
+_FIRST_HEAT = 1e-3  # initial temperature relative to the higher price of the ends, or to 1 if that is lower
+_HOTTER = 2.0**0.1  # factor on the temperature after a refused rise
+_RANGE = 0.1  # rise that halves the temperature, relative to the range of prices met
 _STREAM = 11
 
-_BETWEEN = OWN_ROWS  # the row of a state on an edge
-_PRICE = 0  # the place of a node's price in `values`
-_HEAT, _LEAST, _MOST = range(3)  # places in `numbers`: temperature, least and greatest price met
+_BETWEEN = OWN_ROWS  # row of a state on an edge
+_PRICE = 0  # index of a node's price in `values`
+_HEAT, _LEAST, _MOST = range(3)  # indices into `numbers`: temperature, minimum and maximum price met
 
 
 def transition_rrt(
@@ -72,24 +72,24 @@ def transition_rrt(
     timeout: float = 5.0,
     max_iterations: int = 1_000_000,
 ) -> Result:
-    """Search a path that keeps to where the price c(x) is low.
+    """Search a path through states of low price c(x).
 
-    Two trees grow in turns, from their nodes nearest to uniform samples towards them, by short steps.  A step
-    from price a to b > a is taken with probability exp(-(b - a) / T).  The temperature T falls where a rise
-    was taken and grows by 7 % where one was refused, so that the trees fill valleys and cross passes at their
-    lowest.  Trees that come near are joined by a straight edge on which the price does not exceed that of
-    both its ends by more than T.
+    Two trees grow in turns, from their nodes nearest to uniform samples towards the samples, by short steps.
+    A rise from price a to b > a is taken with probability exp(-(b - a) / T).  The temperature T falls after a
+    rise that was taken and grows by 7 % after one that was refused, so that the trees fill valleys of the
+    price and cross passes at their lowest point.  Trees that come near are joined by a straight edge on which
+    the price does not exceed the prices of both ends by more than T.
 
     Source: L. Jaillet, J. Cortes and T. Simeon, Sampling-based path planning on configuration-space costmaps,
     IEEE Trans. Robotics 26(4), 2010; two trees as in D. Devaurs, T. Simeon and J. Cortes, Enhancing the
     transition-based RRT to deal with complex cost spaces, ICRA 2013.
 
     Args:
-        problem: What to plan; with goals, not with a sampler of them.
+        problem: The problem; with goals, not with a sampler of goals.
         cost: The price.
         seed: Seed of the samples; the same seed gives the same result unless time runs out.
         timeout: Time budget [s].
-        max_iterations: Greatest number of samples.
+        max_iterations: Maximum number of samples.
 
     Returns:
         The result; its path has many corners, which `descend_cost` removes.  `cost` is the integral of 1 + c.
@@ -137,7 +137,7 @@ def transition_rrt(
 
 
 def _valid(space: SearchSpace, states: FloatArray, counters: Ints1) -> np.ndarray:
-    """Return the numbers of the valid ones of some states, shape (m, n)."""
+    """Return the indices of the valid states among states of shape (m, n)."""
     rows = np.array(states, order="C")
     return np.array([k for k, x in enumerate(rows) if last_valid_step(space, x, x, 1, counters)], np.int64)
 
@@ -152,7 +152,7 @@ def _plant(
         price: The price of states as machine code.
         trees: The trees, without nodes.
         problem: The problem.
-        goals: Numbers of the goals, integers, shape (g,).
+        goals: Indices of the goals, integers, shape (g,).
     """
     trees.numbers[_MOST] = -math.inf
     roots = [(0, -1, problem.start)] + [(1, -1 - k, problem.goals[k]) for k in goals.tolist()]
@@ -167,7 +167,7 @@ def _plant(
 def add_priced_node(
     space: SearchSpace, trees: Trees, side: int, parent: int, state: Floats1, price: float
 ) -> int:
-    """Add a node to a tree and note its price; see `add_node`."""
+    """Add a node with its price to a tree; return its index, see `add_node`."""
     node, numbers = add_node(space, trees, side, parent, state), trees.numbers
     trees.values[_PRICE, side, node] = price
     numbers[_LEAST], numbers[_MOST] = min(numbers[_LEAST], price), max(numbers[_MOST], price)
@@ -178,7 +178,7 @@ def add_priced_node(
 def _highest_price(
     space: SearchSpace, cost: BoxedManifold, trees: Trees, a: FloatArray, b: FloatArray
 ) -> float:
-    """Return the highest price on an edge, its start left out."""
+    """Return the maximum price on an edge without its start."""
     count = step_count(distance(a, b, space.weights), _PRICED * space.resolution)
     between, highest = trees.rows[_BETWEEN], 0.0
     for k in range(1, count + 1):
@@ -199,8 +199,8 @@ def grow(
         cost: The price.
         trees: The trees.
         seconds: Time budget [s].
-        key: Of the stream of random numbers.
-        iterations: Number of samples in all, those of earlier calls included.
+        key: Key of the stream of random numbers.
+        iterations: Number of samples in all, earlier calls included.
 
     Returns:
         FOUND, GOING_ON if the iterations are used up, TIME_UP, or FULL if there is no space for a node.

@@ -1,6 +1,6 @@
 """The two trees of a search, and nearest neighbors by a linear scan, sixteen nodes at a time.
 
-The scan is in single precision: of nodes that are nearly equally near, any may be found.
+The scan is in single precision: among nodes at nearly the same distance, any may be returned.
 """
 
 from __future__ import annotations
@@ -38,38 +38,38 @@ from .search_space import ITERATIONS, SearchSpace
 from .vectors import FloatArray
 
 ABREAST = 2 * LANES
-"""Nodes whose scaled states lie side by side."""
+"""Number of nodes of a block, whose scaled states are stored coordinate by coordinate."""
 FAR, FURTHEST = 1e18, 1e36
-"""Coordinates of what is no node, and a square above which there is none."""
+"""Scaled coordinate of unused entries of a block, and an upper bound on squared distances of nodes."""
 
-_FIRST_CAPACITY, _MOST_KEPT = 512, 16_384  # nodes of a tree
+_FIRST_CAPACITY, _MOST_KEPT = 512, 16_384  # nodes of a tree: initial capacity, maximum kept for reuse
 
-# How growth ends.
+# Statuses of growth.
 GOING_ON, FOUND, TIME_UP, FULL = range(4)
 
-# Places in `counters`, after those of all planners; a search has its own ones from OWN_COUNTERS on.
+# Indices into `counters`, after the indices common to all planners; a search's own begin at OWN_COUNTERS.
 START_SIZE, GOAL_SIZE, START_NODE, GOAL_NODE, BY_EDGE, OWN_COUNTERS = range(ITERATIONS + 1, ITERATIONS + 7)
 _COUNTERS = OWN_COUNTERS + 10
 
-# Rows of `rows`; a search has its own ones from OWN_ROWS on.
+# Rows of `rows`; a search has its own from OWN_ROWS on.
 SAMPLE, TARGET, OWN_ROWS = range(3)
 _ROWS = OWN_ROWS + 3
 
 
 class Trees(NamedTuple):
-    """The tree of the start (0) and that of the goals (1), in arrays with space for m nodes each.
+    """The tree of the start (0) and the tree of the goals (1), in arrays with space for m nodes each.
 
     Attributes:
-        states: Shape (2, m, n).
+        states: States of the nodes, shape (2, m, n).
         lanes: Scaled states, shape (2, m / 16, n, 16).
-        parents: Parents; of a root -1 less the number of its goal, shape (2, m).
-        values: Two numbers of each node, which ones depends on the search, shape (2, 2, m).
-        numbers: Three numbers of the search.
+        parents: Parents of the nodes; -1 minus the goal's index for a root, shape (2, m).
+        values: Two numbers per node, specific to the search, shape (2, 2, m).
+        numbers: Three numbers specific to the search, shape (3,).
         rows: Workspace, shape (5, n); see the rows above.
-        scaled: A scaled state whose neighbors are searched, shape (n,).
-        squares: Workspace of that search, shape (16,).
-        counters: See the places above.  The path leads over START_NODE and GOAL_NODE, which are the same
-            state unless they are joined BY_EDGE.
+        scaled: Scaled state whose neighbors are searched, shape (n,).
+        squares: Workspace of the search for neighbors, shape (16,).
+        counters: Counters, see the indices above.  The path leads over START_NODE and GOAL_NODE, which are
+            the same state unless they are joined BY_EDGE.
     """
 
     states: Floats3
@@ -84,7 +84,7 @@ class Trees(NamedTuple):
 
 
 class _Left(threading.local):
-    """The trees that each thread has left, by the number of coordinates."""
+    """Trees of each thread that are kept for reuse, by the number of coordinates."""
 
     def __init__(self) -> None:
         self.trees: dict[int, Trees] = {}
@@ -94,7 +94,7 @@ _left = _Left()
 
 
 def take_trees(n: int) -> Trees:
-    """Return trees of states of n coordinates, without nodes, in the memory that this thread left last.
+    """Return trees of states of n coordinates, without nodes; memory left by this thread is reused.
 
     Counters are 0 and numbers infinite.
     """
@@ -117,13 +117,13 @@ def take_trees(n: int) -> Trees:
 
 
 def leave_trees(trees: Trees) -> None:
-    """Leave the memory of trees to a later search of this thread."""
+    """Keep the memory of trees for a later search of this thread."""
     if trees.states.shape[1] <= _MOST_KEPT:
         _left.trees[trees.states.shape[2]] = trees
 
 
 def with_room(trees: Trees, spare: int) -> Trees:
-    """Return trees with space for some more nodes each: these, or a copy of twice the capacity or more."""
+    """Return trees with space for `spare` more nodes each: the same, or a copy of at least twice the size."""
     capacity = trees.states.shape[1]
     wanted = max(trees.counters[START_SIZE : GOAL_SIZE + 1].tolist()) + spare
     if wanted <= capacity:
@@ -139,20 +139,20 @@ def with_room(trees: Trees, spare: int) -> Trees:
 
 @compiled(lean=True)
 def room(trees: Trees) -> int:
-    """Return how many more nodes each tree has space for."""
+    """Return the number of nodes that can still be added to each tree."""
     return trees.states.shape[1] - max(trees.counters[START_SIZE], trees.counters[GOAL_SIZE])
 
 
 @compiled("int64(SearchSpace, Trees, int64, int64, float64[::1])", lean=True)
 def add_node(space: SearchSpace, trees: Trees, side: int, parent: int, state: Floats1) -> int:
-    """Add a node to a tree, which has space for it; return its number.
+    """Add a node to a tree, which has space for it; return its index.
 
     Args:
         space: Supplies the metric.
         trees: The trees.
-        side: Which of them.
-        parent: Number of its parent; of a root -1 less the number of its goal.
-        state: Shape (n,).
+        side: Index of the tree.
+        parent: Index of the node's parent; -1 minus the goal's index for a root.
+        state: State of the node, shape (n,).
     """
     node = trees.counters[START_SIZE + side]
     trees.counters[START_SIZE + side] += 1
@@ -172,14 +172,14 @@ def scale(space: SearchSpace, trees: Trees, state: FloatArray) -> None:
 
 @compiled(lean=True)
 def nearest_node(space: SearchSpace, trees: Trees, side: int, state: FloatArray) -> int:
-    """Return the node of a tree nearest to a state; the first of equally near ones."""
+    """Return the node of a tree nearest to a state; the first one at equal distance."""
     scale(space, trees, state)
     return nearest(trees.lanes[side], trees.counters[START_SIZE + side], trees.scaled, trees.squares)
 
 
 @compiled("int64(Trees)", lean=True)
 def way_point_count(trees: Trees) -> int:
-    """Return how many way-points the path has along which the trees have met."""
+    """Return the number of way-points of the path along which the trees have met."""
     count = 0
     for side in range(2):
         node = trees.counters[START_NODE + side]
@@ -191,11 +191,11 @@ def way_point_count(trees: Trees) -> int:
 
 @compiled("int64(Trees, float64[:, ::1])", lean=True)
 def trace(trees: Trees, points: Floats2) -> int:
-    """Write the way-points of the path along which the trees have met; return the number of its goal.
+    """Write the way-points of the path along which the trees have met; return the index of its goal.
 
     Args:
         trees: The trees.
-        points: Written, from the start to the goal, shape (`way_point_count`, n).
+        points: Way-points from the start to the goal, written, shape (`way_point_count`, n).
     """
     parents, states = trees.parents, trees.states
     here, node, goal = 0, trees.counters[START_NODE], trees.counters[GOAL_NODE]
@@ -224,7 +224,7 @@ def traced(trees: Trees) -> tuple[FloatArray, int]:
 
 @compiled("void(float32[:, :, ::1], int64, float64[::1], float64[::1])", lean=True)
 def set_lane(lanes: Singles3, node: int, state: Floats1, weights: Floats1) -> None:
-    """Write the scaled state of a new node; the rest of its lanes, if it is the first, is very far."""
+    """Write the scaled state of a new node; for the first node of a block, the other entries become FAR."""
     if node % ABREAST == 0:
         for i in range(state.size):
             for lane in range(1, ABREAST):
@@ -235,14 +235,14 @@ def set_lane(lanes: Singles3, node: int, state: Floats1, weights: Floats1) -> No
 
 @compiled(inline=True, lean=True)
 def _nearer(block: int, query: int, n: int, limit: float, squares: int) -> int:
-    """Return the bits of the nodes of a block whose squared distance is below a limit.
+    """Return a bit mask of the nodes of a block whose squared distance is below a limit.
 
     Args:
         block: Address of the scaled states of sixteen nodes, shape (n, 16).
         query: Address of a scaled state, shape (n,).
         n: Number of coordinates.
-        limit: The limit.
-        squares: Address that receives the squared distances, shape (16,), if any is below it.
+        limit: Limit of the squared distance.
+        squares: Address that receives the squared distances, shape (16,), if any is below the limit.
     """
     first, second = spread(0.0), spread(0.0)
     for i in range(n):
@@ -259,13 +259,13 @@ def _nearer(block: int, query: int, n: int, limit: float, squares: int) -> int:
 
 @compiled("int64(float32[:, :, ::1], int64, float32[::1], float32[::1])", lean=True)
 def nearest(lanes: Singles3, size: int, query: Singles1, spare: Singles1) -> int:
-    """Return the node nearest to a scaled state; the first of equally near ones.
+    """Return the node nearest to a scaled state; the first one at equal distance.
 
     Args:
-        lanes: Scaled states, shape (blocks, n, 16); those of the last block that are no nodes are FAR.
+        lanes: Scaled states, shape (blocks, n, 16); unused entries of the last block are FAR.
         size: Number of nodes.
         query: Scaled state, shape (n,).
-        spare: Sixteen numbers; the first receives the squared distance.
+        spare: Scratch space, shape (16,); the first entry receives the squared distance.
     """
     best, found, n = np.float32(FURTHEST), 0, query.size
     base, stride, asked, place = lanes.ctypes.data, 4 * ABREAST * n, query.ctypes.data, spare.ctypes.data
@@ -284,18 +284,18 @@ def nearest(lanes: Singles3, size: int, query: Singles1, spare: Singles1) -> int
 def nearest_within(
     lanes: Singles3, costs: Floats1, size: int, query: Singles1, bound: float, spare: Singles1
 ) -> int:
-    """Return the node nearest to a scaled state of those through which it is reached at a bounded cost.
+    """Return the nearest node through which a scaled state is reached at a bounded cost.
 
     Args:
-        lanes: Scaled states, shape (blocks, n, 16); those of the last block that are no nodes are FAR.
+        lanes: Scaled states, shape (blocks, n, 16); unused entries of the last block are FAR.
         costs: Cost of each node, shape (m,).
         size: Number of nodes.
         query: Scaled state, shape (n,).
-        bound: Greatest sum of a node's cost and its distance.
-        spare: Sixteen numbers; the first receives the squared distance.
+        bound: Maximum sum of a node's cost and its distance.
+        spare: Scratch space, shape (16,); the first entry receives the squared distance.
 
     Returns:
-        The node, the first of equally near ones; -1 if there is none.
+        The node, the first one at equal distance; -1 for none.
     """
     best, found, n = np.float32(FURTHEST), -1, query.size
     base, stride, asked, place = lanes.ctypes.data, 4 * ABREAST * n, query.ctypes.data, spare.ctypes.data
@@ -319,16 +319,16 @@ def k_nearest(
     """Write the nodes nearest to a scaled state and the squares of their distances, nearest first.
 
     Args:
-        lanes: Scaled states, shape (blocks, n, 16); those of the last block that are no nodes are FAR.
+        lanes: Scaled states, shape (blocks, n, 16); unused entries of the last block are FAR.
         size: Number of nodes.
         query: Scaled state, shape (n,).
-        wanted: How many are wanted, 1 or more.
-        found: Space for them.
-        squares: Space for the squares of their distances, in single precision.
-        spare: Sixteen numbers.
+        wanted: Number k of nodes, 1 or more.
+        found: Nearest nodes, written, shape (k,).
+        squares: Squares of their distances, in single precision, written, shape (k,).
+        spare: Scratch space, shape (16,).
 
     Returns:
-        How many were found: `wanted`, or all.
+        Number of nodes written: `wanted`, or all.
     """
     n, count, limit = query.size, 0, np.float32(FURTHEST)
     base, stride, asked, place = lanes.ctypes.data, 4 * ABREAST * n, query.ctypes.data, spare.ctypes.data
@@ -366,7 +366,7 @@ def grown(array: np.ndarray, size: int, axis: int = 0) -> np.ndarray:
 
     Args:
         array: The array.
-        size: Its new length along the axis; the further entries are not set.
+        size: New length along the axis; the further entries are not set.
         axis: The axis.
     """
     shape = list(array.shape)

@@ -49,31 +49,34 @@ from .tree import (
 from .vectors import FloatArray
 
 _UNEVEN = 1.0  # relative difference of the trees' sizes from which only the smaller one grows
-_FIRST_RADIUS, _LEAST_RADIUS, _RADIUS_CHANGE = 0.36, 0.07, 1e-4  # of a node's domain, in diagonals
-_CLOCK_EVERY = 64  # goals or samples
-ROUND = 16_384  # samples of the shortest round
-WIDTH, SMALL = 2.0, 0.5  # of the first region, in straight lines; of the box, a region that is searched first
-_TRIES = 8  # to draw a sample that is of use inside the box
+# Radius of a node's domain in diagonals of the box: first, minimum, and relative change.
+_FIRST_RADIUS, _LEAST_RADIUS, _RADIUS_CHANGE = 0.36, 0.07, 1e-4
+_CLOCK_EVERY = 64  # number of goals or samples between two readings of the clock
+ROUND = 16_384  # number of samples of the shortest round
+# Width of the first region in straight lines, and ratio of diagonals, region to box, below which a region is
+# searched before the box.
+WIDTH, SMALL = 2.0, 0.5
+_TRIES = 8  # attempts to draw a useful sample inside the box
 
 START_INVALID = FULL + 1
-"""A further way in which a call ends."""
+"""Status of a call whose start is invalid, in addition to the statuses of growth."""
 
-# Places in `counters`, after those of all trees.
+# Indices into `counters`, after the indices common to all trees.
 GROWING, DRAWN = OWN_COUNTERS, OWN_COUNTERS + 1
-WAY_POINTS, GOAL = DRAWN + 1, DRAWN + 2  # of the path that `first_round` wrote, and the goal it leads to
-TRIED, GREW = GOAL + 1, GOAL + 3  # samples and extensions, of each tree
+WAY_POINTS, GOAL = DRAWN + 1, DRAWN + 2  # number of way-points that `first_round` wrote, and the path's goal
+TRIED, GREW = GOAL + 1, GOAL + 3  # numbers of samples and of extensions, two entries each, one per tree
 MOMENT = GREW + 2  # two numbers of the clock
 
-# Rows of `rows`, after those of all trees; the last one is two.
+# Rows of `rows`, after the rows common to all trees; SHIFTED has two.
 ORIGIN, SHIFTED = OWN_ROWS, OWN_ROWS + 1
 
-# Places in `values`: distance of samples up to which a node is extended, and length of the way from its root
-# [length unit of the metric].
+# Indices into `values`: maximum distance of samples to which a node is extended, and length of the path from
+# its root [length unit of the metric].
 RADIUS, COST = 0, 1
 
-# Places in `numbers`: the length that a path has to be below, infinite if any will do; and that of the paths
-# through the samples that are drawn, infinite for all of the space's box, which holds all paths below the
-# bound anyway.
+# Indices into `numbers`: upper bound on the path's length, infinite for none; and the length of the paths
+# through the samples that are drawn, infinite for samples of the whole box of the space, which contains all
+# paths below the bound.
 BOUND, WITHIN = 0, 1
 
 
@@ -94,7 +97,7 @@ def _diagonal(space: SearchSpace) -> float:
 
 @compiled(lean=True)
 def _add(space: SearchSpace, trees: Trees, side: int, parent: int, state: FloatArray) -> int:
-    """Add a node to a tree; return its number."""
+    """Add a node to a tree; return its index."""
     cost, costs = 0.0, trees.values[COST, side]
     if parent >= 0:
         cost = costs[parent] + distance(trees.states[side, parent], state, space.weights)
@@ -105,7 +108,7 @@ def _add(space: SearchSpace, trees: Trees, side: int, parent: int, state: FloatA
 
 @compiled(lean=True)
 def _nearest(space: SearchSpace, trees: Trees, side: int, state: FloatArray, bound: float) -> int:
-    """Return the node of a tree nearest to a state of those that lead there below a cost; -1 for none."""
+    """Return the nearest node through which a state is reached below a cost; -1 for none."""
     if bound == math.inf:
         return nearest_node(space, trees, side, state)
     scale(space, trees, state)
@@ -125,7 +128,7 @@ def _from_root(space: SearchSpace, trees: Trees, side: int, state: FloatArray) -
 
 @compiled(lean=True)
 def _draw(space: SearchSpace, trees: Trees, key: np.uint64) -> None:
-    """Write a sample into rows[SAMPLE]: of the box, or of it where a path through it may be short enough."""
+    """Write a sample into rows[SAMPLE]: of the box, or of its states on paths that may be short enough."""
     counters, sample, within = trees.counters, trees.rows[SAMPLE], trees.numbers[WITHIN]
     n = sample.size
     if within < math.inf:
@@ -154,7 +157,7 @@ def _interruption(space: SearchSpace, trees: Trees, end: float, spare: int) -> i
 
 @compiled(lean=True)
 def _choose_tree(counters: Ints1) -> int:
-    """Return the tree that grows: the other one than before, unless that is twice as large."""
+    """Return the tree that grows next: the trees take turns, unless the other one is twice as large."""
     side = counters[GROWING]
     own, other = counters[START_SIZE + side], counters[GOAL_SIZE - side]
     if abs(own - other) < _UNEVEN * own:
@@ -164,10 +167,10 @@ def _choose_tree(counters: Ints1) -> int:
 
 @compiled(lean=True)
 def _choose_node(space: SearchSpace, trees: Trees, side: int, sample: FloatArray, key: np.uint64) -> int:
-    """Return the node of a tree nearest to a sample, -1 where its domain does not reach so far.
+    """Return the node of a tree nearest to a sample, -1 if the sample is outside the node's domain.
 
-    Where paths have to be short, it is the nearest of the nodes that lead to the sample at a cost drawn
-    between the least that is possible and the greatest that is of use.
+    If paths have to be short, only nodes count that lead to the sample below a cost drawn between the minimum
+    possible and the maximum of use.
     """
     allowed, bound = math.inf, trees.numbers[BOUND]
     if bound < math.inf:
@@ -186,7 +189,7 @@ def _choose_node(space: SearchSpace, trees: Trees, side: int, sample: FloatArray
 def _step_towards(
     space: SearchSpace, origin: FloatArray, sample: FloatArray, state: FloatArray, counters: Ints1
 ) -> bool:
-    """Write the state one step from a node towards a sample; return whether the way there is valid."""
+    """Write the state one step from a node towards a sample; return whether the edge to it is valid."""
     apart, reach = distance(origin, sample, space.weights), space.reach
     share = 1.0 if apart < reach else reach / apart
     for i in range(state.size):
@@ -197,7 +200,7 @@ def _step_towards(
 
 @compiled(lean=True)
 def _adapt_domain(radii: FloatArray, node: int, extended: bool, diagonal: float) -> None:
-    """Widen the ball of samples that a node is extended to, or narrow it where the extension failed."""
+    """Enlarge the ball of samples to which a node is extended, or shrink it after a failed extension."""
     if extended:
         radii[node] *= 1.0 + _RADIUS_CHANGE
     elif radii[node] == math.inf:
@@ -208,7 +211,7 @@ def _adapt_domain(radii: FloatArray, node: int, extended: bool, diagonal: float)
 
 @compiled(lean=True)
 def _better_parent(space: SearchSpace, trees: Trees, side: int, near: int, key: np.uint64) -> int:
-    """Return the parent of the state in rows[TARGET]: `near`, or a cheaper one for short paths."""
+    """Return the parent of the state in rows[TARGET]: `near`, or one of lower cost for short paths."""
     if trees.numbers[BOUND] == math.inf:
         return near
     state, counters = trees.rows[TARGET], trees.counters
@@ -232,9 +235,9 @@ def _better_parent(space: SearchSpace, trees: Trees, side: int, near: int, key: 
 
 @compiled(lean=True)
 def _connect(space: SearchSpace, trees: Trees, side: int, node: int) -> tuple[int, int]:
-    """Extend a tree from a node to the nearest of the other one; return both where they meet, or -1.
+    """Extend a tree from a node to the nearest node of the other tree; return both nodes that meet, or -1.
 
-    Where paths have to be short, it is the nearest that makes one.
+    If paths have to be short, only nodes of the other tree that make a short path count.
     """
     counters, state = trees.counters, trees.rows[ORIGIN]
     allowed = trees.numbers[BOUND] - trees.values[COST, side, node]
@@ -256,13 +259,13 @@ def _connect(space: SearchSpace, trees: Trees, side: int, node: int) -> tuple[in
 
 @compiled("boolean(SearchSpace, Trees, float64, float64, float64[:, ::1])", lean=True)
 def narrow(space: SearchSpace, trees: Trees, width: float, length: float, region: Floats2) -> bool:
-    """Cut off parts of a box through which no path to any root leads that is below a length.
+    """Cut off parts of a box through which no path to a root is below a length.
 
     Args:
         space: Supplies the metric.
         trees: The trees, with their roots.
-        width: The length in straight lines to the nearest root; 0: it is given.
-        length: The length [length unit of the metric].
+        width: The length in straight lines to the nearest root; 0 to use `length`.
+        length: The length if `width` is 0 [length unit of the metric].
         region: Lower and upper bounds, shape (2, n).
 
     Returns:
@@ -304,10 +307,10 @@ def plant(
         space: Box, metric and validity.
         trees: The trees.
         seconds: Time budget [s].
-        start: Shape (n,).
-        goals: Shape (k, n).
-        order: Goals in the order in which they are tried, shape (k,).
-        first: Number of the first goal.
+        start: Start state, shape (n,).
+        goals: Goal states, shape (k, n).
+        order: Indices of the goals in the order in which they are tried, shape (k,).
+        first: Index of the first row of `goals` among all goals of the run.
 
     Returns:
         FOUND (a straight edge; counters[BY_EDGE] is set), GOING_ON, TIME_UP or START_INVALID.
@@ -346,8 +349,8 @@ def grow(space: SearchSpace, trees: Trees, seconds: float, key: np.uint64, itera
         space: Box, metric and validity.
         trees: The trees.
         seconds: Time budget [s].
-        key: Of the stream of random numbers.
-        iterations: Number of samples in all, those of earlier calls included.
+        key: Key of the stream of random numbers.
+        iterations: Number of samples in all, earlier calls included.
 
     Returns:
         FOUND (the trees meet at counters[START_NODE] and counters[GOAL_NODE]), GOING_ON if the iterations are
@@ -386,12 +389,12 @@ def grow(space: SearchSpace, trees: Trees, seconds: float, key: np.uint64, itera
 
 
 class PathEnds(NamedTuple):
-    """The ends of a path.
+    """Start and goals of a path.
 
     Attributes:
-        start: Shape (n,).
-        goals: Shape (k, n).
-        order: Goals in the order in which they are tried, shape (k,).
+        start: Start state, shape (n,).
+        goals: Goal states, shape (k, n).
+        order: Indices of the goals in the order in which they are tried, shape (k,).
     """
 
     start: Floats1
@@ -412,21 +415,21 @@ def first_round(
     key: np.uint64,
     iterations: int,
 ) -> int:
-    """Plant both trees, and grow them in the space's box unless it is far wider than the ends are apart.
+    """Plant both trees, and grow them in the space's box unless it is far wider than the ends' distance.
 
     Args:
         space: Box, metric and validity.
         trees: The trees, without nodes; counters[WAY_POINTS] and counters[GOAL] receive the number of
-            way-points that were written and that of the goal.
+            way-points that were written and the index of the goal.
         seconds: Time budget [s]; the trees grow for a time slice at most.
         ends: Start and goals.
-        points: Receives the way-points of the path that is found, where they fit, shape (m, n).
-        lengths: Receives the length of the path up to each, shape (m,) [length unit of the metric].
-        key: Of the stream of random numbers.
-        iterations: Greatest number of samples; those of a round at most.
+        points: Receives the way-points of the path if they fit, shape (m, n).
+        lengths: Receives the arc length at each way-point, shape (m,) [length unit of the metric].
+        key: Key of the stream of random numbers.
+        iterations: Maximum number of samples, and at most the number of a round.
 
     Returns:
-        What `plant` and `grow` return.  GOING_ON without any samples: no goal is valid, or searches near the
+        A status of `plant` or `grow`.  GOING_ON without any samples: no goal is valid, or searches near the
         ends come first.
     """
     counters = trees.counters
@@ -444,8 +447,8 @@ def write_path(space: SearchSpace, trees: Trees, points: Floats2, lengths: Float
     Args:
         space: Supplies the metric.
         trees: The trees; counters[GOAL] receives the goal.
-        points: Written, from the start to the goal, shape (m, n).
-        lengths: Written: length of the path up to each, shape (m,) [length unit of the metric].
+        points: Way-points from the start to the goal, written, shape (m, n).
+        lengths: Arc length at each way-point, written, shape (m,) [length unit of the metric].
     """
     count = way_point_count(trees)
     if count <= lengths.size:

@@ -1,4 +1,4 @@
-"""Vectors and point lists that are checked once, copied in and read-only out."""
+"""Vectors and lists of points, checked, copied and read-only."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def _numbers(quantity: str, value: ArrayLike, allowed: str) -> FloatArray:
     """Return numbers, of any shape, as a new float64 array in C order.
 
     Raises:
-        InvalidValueError: with what is allowed, for anything but real numbers in equal rows.
+        InvalidValueError: for anything but real numbers in equal rows; the message says what is allowed.
     """
     try:
         array = np.asarray(value)
@@ -42,7 +42,7 @@ def _numbers(quantity: str, value: ArrayLike, allowed: str) -> FloatArray:
 
 
 def real_numbers(quantity: str, value: ArrayLike) -> FloatArray:
-    """Return numbers of any shape as float64; what are such numbers already is not copied.
+    """Return numbers of any shape as float64; a float64 array is not copied.
 
     Raises:
         InvalidValueError: for anything but real numbers in equal rows.
@@ -147,7 +147,7 @@ def positive_number(quantity: str, value: float) -> float:
 
 
 MOST_COUNT = 2**31 - 1
-"""Largest number of iterations, samples and the like."""
+"""Maximum of counts, such as iterations and samples."""
 
 
 def whole_number(quantity: str, value: int, least: int = 0, most: float = MOST_COUNT) -> int:
@@ -156,8 +156,8 @@ def whole_number(quantity: str, value: int, least: int = 0, most: float = MOST_C
     Args:
         quantity: Name of the argument, for the message.
         value: An integer of Python or NumPy.
-        least: Smallest that is allowed.
-        most: Largest that is allowed.
+        least: Minimum value.
+        most: Maximum value.
 
     Raises:
         InvalidValueError: It is not an integer, or it is out of bounds.

@@ -1,18 +1,18 @@
 """Data sets made by many processes or machines, no row lost or doubled: `pip install pepper_kin[datasets]`.
 
-    DatasetJob, load_job          what a data set shall hold, as a value and as a YAML file
-    make, resume, Progress        on processes of this machine, or on a Dask cluster
-    check, DatasetCheck           the proof that no row is missing or double, with rows recomputed
-    open, Dataset                 rows as NumPy's arrays, tables of Arrow, pandas and polars
-    run_shard                     the rows of one file: a pure function of the job
-    Column, Moments               what a column holds; statistics of parts, joined
+    DatasetJob, load_job          specification of a data set, as a value and as a YAML file
+    make, resume, Progress        generation by processes of this machine, or on a Dask cluster
+    check, DatasetCheck           proof that no row is missing or double, with rows recomputed
+    open, Dataset                 rows as NumPy arrays, tables of Arrow, pandas and polars
+    run_shard                     rows of one file: a pure function of the job
+    Column, Moments               description of a column; statistics of parts, joined
     LeRobotWriter, Feature        LeRobotDataset v3.0 of any frames
-    KINDS, FORMATS                of jobs
+    KINDS, FORMATS                kinds of rows and file formats of jobs
 
 `pepper-kin dataset make | check | show | resume` does the same from a job's file.
 """
 
-# ruff: noqa: E402 -- what is not installed is said first
+# ruff: noqa: E402 -- a missing package is reported first
 
 from pepper_kin.call_errors import name_options
 from pepper_kin.exceptions import optional
@@ -28,7 +28,7 @@ from pepper_kin.datasets.making import Progress, make, resume
 from pepper_kin.datasets.shard import run_shard
 
 open = open_dataset
-"""`open_dataset`, by a shorter name."""
+"""Short name of `open_dataset`."""
 
 __all__ = [
     "FORMATS",

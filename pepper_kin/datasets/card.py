@@ -1,4 +1,4 @@
-"""The card of a data set, README.md with statistics and a picture."""
+"""Card of a data set: README.md with statistics and a picture."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from pepper_kin.datasets.dataset import Dataset
 
 CARD, STATISTICS, PICTURE = "README.md", "statistics.json", "picture.png"
-_SHOWN = 2000  # rows in the picture, from the first
-_LONG = 16  # numbers of an item whose ranges the card lists
+_SHOWN = 2000  # maximum number of rows in the picture, from the first on
+_LONG = 16  # maximum size of an item whose ranges the card lists
 
 _TEXT = """\
 ---
@@ -62,8 +62,8 @@ def write_card(store: Store, dataset: Dataset) -> None:
     """Write statistics, picture and card of a data set.
 
     Raises:
-        MissingDependencyError: where matplotlib is not installed.
-        FileFormatError: where a file cannot be written.
+        MissingDependencyError: if matplotlib is not installed.
+        FileFormatError: if a file cannot be written.
     """
     job, statistics = dataset.job, dataset.statistics
     store.write_text(STATISTICS, json.dumps(statistics, indent=1) + "\n")
@@ -81,7 +81,7 @@ def write_card(store: Store, dataset: Dataset) -> None:
 
 
 def _line(column: Column, statistics: dict[str, Any] | None) -> str:
-    """Return the line of a column in the card."""
+    """Return the line of a column for the card."""
     shape = (*(("T",) if column.frames else ()), *column.shape)
     known = [x for x in (statistics or {}).get("min", []) if x is not None]
     spread = ""
@@ -93,12 +93,12 @@ def _line(column: Column, statistics: dict[str, Any] | None) -> str:
 
 
 def picture_of(dataset: Dataset) -> bytes:
-    """Return a picture of the first rows as PNG: goals from above and from the side, and how rows ended.
+    """Return a picture of the first rows as PNG: goals from above and from the side, colored by status.
 
-    Where rows have no goals, their first column of numbers over time is drawn in place of them.
+    If rows have no goals, the first column of numbers is drawn over time instead.
 
     Raises:
-        MissingDependencyError: where matplotlib is not installed.
+        MissingDependencyError: if matplotlib is not installed.
     """
     figure = new_figure("the picture of a data set", figsize=(9, 3.4))
     axes = figure.subplots(1, 3)

@@ -1,4 +1,4 @@
-"""The proof that a data set is whole: no row missing or double, and rows that come out the same again."""
+"""Check that a data set is whole: no row missing or double, and recomputed rows equal bit by bit."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from pepper_kin.model.joint_vectors import check_seed, check_whole
 
 @dataclass(frozen=True)
 class DatasetCheck:
-    """What was found.
+    """Result of a check.
 
     Attributes:
-        rows: Rows of the job.
-        shards: Files of the job.
-        written: Files that are there.
-        again: Rows that were recomputed.
-        faults: What is wrong, a sentence each.
+        rows: Number of rows of the job.
+        shards: Number of files of the job.
+        written: Number of files that exist.
+        again: Indices of the rows that were recomputed.
+        faults: Faults, one sentence each.
     """
 
     rows: int
@@ -40,11 +40,11 @@ class DatasetCheck:
 
     @property
     def success(self) -> bool:
-        """Whether nothing is wrong."""
+        """Whether there are no faults."""
         return not self.faults
 
     def report(self) -> str:
-        """Return it in words."""
+        """Return the result as text."""
         lines = [f"{self.written} of {self.shards} files are there, for {self.rows} rows."]
         if self.success:
             lines.append("No row is missing or there twice, and every file is the one that was written.")
@@ -52,7 +52,7 @@ class DatasetCheck:
         return "\n".join([*lines, *self.faults])
 
     def as_dict(self) -> dict[str, Any]:
-        """Return it as plain values."""
+        """Return the result as plain values."""
         found = {"success": self.success, "rows": self.rows, "shards": self.shards, "written": self.written}
         return {**found, "again": list(self.again), "faults": list(self.faults)}
 
@@ -67,13 +67,13 @@ def check(
     """Examine every file of a data set, and recompute some of its rows.
 
     Args:
-        folder: Its folder, or an address that fsspec knows.
-        sample: How many rows are recomputed, each once; all files are read in any case.
-        seed: Draws these rows.
-        on_progress: Called with the number of files that were read, and of all.
+        folder: Folder of the data set, or an address that fsspec knows.
+        sample: Number of rows that are recomputed, each once; all files are read in any case.
+        seed: Seed by which the rows are drawn.
+        on_progress: Function that is called with the number of files read, and the number of all files.
 
     Raises:
-        FileFormatError: for a folder without a data set, or a manifest that is damaged.
+        FileFormatError: for a folder without a data set, or a damaged manifest.
     """
     check_whole("sample", sample, 0)
     store = Store(folder)
@@ -107,7 +107,7 @@ def check(
 
 
 def _check_rows(dataset: Dataset, shard: int) -> None:
-    """Refuse a file that is damaged, or whose rows are not its own, one after the other."""
+    """Refuse a file that is damaged, or whose row numbers are not the shard's in ascending order."""
     about, file = dataset.shards[shard], dataset.file(shard)
     try:
         rows = file.read(["row"])["row"].to_numpy()
@@ -118,7 +118,7 @@ def _check_rows(dataset: Dataset, shard: int) -> None:
 
 
 def _sampled(dataset: Dataset, shards: list[int], count: int, seed: int) -> list[int]:
-    """Return the numbers of some rows of files, each once, in order; all where there are no more."""
+    """Return the indices of some rows of files, each once, in ascending order; all if there are no more."""
     begins = np.array([dataset.shards[shard]["first"] for shard in shards], dtype=np.int64)
     ends = np.cumsum([dataset.shards[shard]["rows"] for shard in shards], dtype=np.int64)
     if not len(ends):
@@ -130,7 +130,7 @@ def _sampled(dataset: Dataset, shards: list[int], count: int, seed: int) -> list
 
 
 def _compared(dataset: Dataset, row: int) -> list[str]:
-    """Return what is different of a row when it is recomputed."""
+    """Return the differences of a row from its recomputed values, one text each."""
     kept = dataset[row]
     try:
         (batch,) = rows_of(dataset.job, row, row + 1)

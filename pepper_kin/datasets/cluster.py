@@ -1,4 +1,4 @@
-"""Shards on the workers of a Dask cluster."""
+"""Computation of shards by the workers of a Dask cluster."""
 
 from __future__ import annotations
 
@@ -17,43 +17,43 @@ from pepper_kin.datasets.shard import write_shard
 from pepper_kin.datasets.store import Store
 from pepper_kin.exceptions import InfeasibleError, InvalidValueError, PepperKinError, optional
 
-_AHEAD = 3  # shards for each thread that the scheduler knows: few enough for any number of shards
-_LOOK = 2.0  # [s] between looks at how many workers there are
-_GATHER = 5.0  # [s] in which an answer that is there comes
+_AHEAD = 3  # number of submitted shards per thread, small so that the number of shards is unlimited
+_LOOK = 2.0  # interval between checks of the number of workers [s]
+_GATHER = 5.0  # maximum time to fetch an available result [s]
 PATIENCE = 120.0
-"""Time without any worker, after there were some, until the work is stopped [s]."""
+"""Maximum time without any worker, after there were some, until the computation is stopped [s]."""
 _ADVICE = "start it again and resume: what is written stays"
 
 
 def compute(values: dict[str, Any], shard: int, place: str) -> dict[str, Any]:
-    """Compute and write a shard of the job of plain values; runs on a worker."""
+    """Compute and write a shard on a worker, given the job as plain values; return its summary."""
     return write_shard(DatasetJob(**values), shard, Store(place))
 
 
 class _ClusterRun:
-    """Shards that wait, and futures of those that a cluster computes.
+    """Shards that wait, and futures of the shards that a cluster computes.
 
     Args:
-        client: Of the cluster.
+        client: Client of the cluster.
         job: The job.
-        waiting: Numbers of the shards to compute.
-        place: Where they go.
+        waiting: Indices of the shards to compute.
+        place: Folder or address of the data set.
     """
 
     def __init__(self, client: Any, job: DatasetJob, waiting: deque[int], place: str) -> None:
         self.client, self.waiting, self.running = client, waiting, dict[Any, int]()
         self._values, self._place = job.as_dict(), place
-        # A scheduler would take the same job in another folder for the same tasks.
+        # A unique name, since a scheduler would confuse the tasks of equal jobs in different folders.
         self._name = uuid.uuid4().hex
         self._tries = Counter[int]()
         self._threads, self._looked, self._seen = 0, -math.inf, math.inf
         self._ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
 
     def fill(self) -> None:
-        """Submit as many shards as the workers of now can take soon.
+        """Submit as many shards as the present workers can start soon.
 
         Raises:
-            InfeasibleError: where all workers have been gone for long.
+            InfeasibleError: if there has been no worker for `PATIENCE`.
         """
         now = time.monotonic()
         if now - self._looked >= _LOOK:
@@ -71,27 +71,27 @@ class _ClusterRun:
     def wait(self) -> None:
         """Wait until a shard ends, or for `_LOOK`.
 
-        Not by `distributed.wait`, which asks the newest client of the process, whoever made it, and may hang
-        when another thread closes that one.
+        `distributed.wait` is not used: it asks the newest client of the process, of any thread, and may hang
+        when another thread closes that client.
         """
         with contextlib.suppress(queue.Empty):
             self._ended.get(timeout=_LOOK)
 
     def ended(self, future: Any, *, killed: type[Exception]) -> tuple[int, dict[str, Any]] | None:
-        """Return number and summary of a shard that was written, None for one that is to be computed again.
+        """Return index and summary of a shard that was written, None if it is to be computed again.
 
         Raises:
-            PepperKinError: what computing or writing it raised.
-            InfeasibleError: where workers died over it again and again.
+            PepperKinError: raised by computing or writing the shard.
+            InfeasibleError: if workers died repeatedly while computing the shard.
         """
         shard = self.running.pop(future)
         if future.status == "finished":
             try:
                 found = future.result(timeout=_GATHER)
-            except TimeoutError:  # the worker that held it is gone: Dask computes it again, or there is none
+            except TimeoutError:  # the worker with the result is gone; Dask may compute it again
                 self.running[future] = shard
                 return None
-            future.release()  # else Dask would compute it again when the worker dies that holds the answer
+            future.release()  # else Dask would recompute it after the death of the worker with the result
             return shard, found
         error = future.exception() if future.status == "error" else None
         if error is not None and not isinstance(error, killed):
@@ -106,18 +106,18 @@ class _ClusterRun:
 def on_dask(
     job: DatasetJob, shards: Iterable[int], store: Store, client: Any
 ) -> Generator[tuple[int, dict[str, Any]], None, None]:
-    """Yield the number and the summary of each shard as soon as it is written, by a cluster.
+    """Yield the index and the summary of each shard as soon as a cluster has written it.
 
     Args:
         job: The job.
-        shards: Numbers of the shards to compute.
-        store: Where they go; all workers must reach it by the same name.
+        shards: Indices of the shards to compute.
+        store: Store of the data set; all workers must reach it by the same name.
         client: A `distributed.Client`, or the address of a scheduler.
 
     Raises:
-        PepperKinError: what computing or writing a shard raised.
-        InfeasibleError: where the scheduler is gone, or workers died over one shard again and again.
-        MissingDependencyError: where Dask is not installed.
+        PepperKinError: raised by computing or writing a shard.
+        InfeasibleError: if the scheduler is gone, or workers died repeatedly while computing one shard.
+        MissingDependencyError: if Dask is not installed.
     """
     distributed = optional("distributed", extra="dask", need="a data set on many machines")
     if not isinstance(client, str | distributed.Client):

@@ -1,4 +1,4 @@
-"""Columns of a data set, and how their arrays lie in Arrow's."""
+"""Columns of a data set, and their conversion to and from Arrow arrays."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 MOST_FOR_STATISTICS = 4096
-"""Numbers of an item beyond which it is a picture: it has no statistics."""
+"""Maximum size of an item with statistics; a larger item is a picture."""
 
 
 @dataclass(frozen=True)
@@ -21,12 +21,12 @@ class Column:
     """A column: a number, a text or an array in each row, or in each frame of a row's motion.
 
     Attributes:
-        name: Its name.
-        dtype: Of NumPy, or "str".
-        shape: Of an item; () for a number.
-        frames: Whether rows hold a sequence of items, one for each frame.
-        unit: Of the numbers; empty for none.
-        names: Of the last axis, such as joints; empty for none.
+        name: Name of the column.
+        dtype: NumPy dtype of the numbers, or "str".
+        shape: Shape of an item; () for a number.
+        frames: Whether rows hold a sequence of items, one per frame.
+        unit: Unit of the numbers; empty for none.
+        names: Names of the entries of the last axis, such as joints; empty for none.
     """
 
     name: str
@@ -38,16 +38,16 @@ class Column:
 
     @property
     def size(self) -> int:
-        """Numbers of an item."""
+        """Number of elements of an item."""
         return int(np.prod(self.shape, dtype=int))
 
     @property
     def counted(self) -> bool:
-        """Whether statistics are made of it."""
+        """Whether the column has statistics."""
         return self.dtype != "str" and self.size <= MOST_FOR_STATISTICS
 
     def field(self) -> pa.Field:
-        """Return it as Arrow's field; its metadata hold shape, unit and names."""
+        """Return the column as an Arrow field, whose metadata hold shape, unit and names."""
         kind = pa.string() if self.dtype == "str" else pa.from_numpy_dtype(np.dtype(self.dtype))
         if self.shape:
             kind = pa.list_(kind, self.size)
@@ -60,7 +60,7 @@ class Column:
         """Return the column of a field.
 
         Raises:
-            ValueError, KeyError: for a field of something else.
+            ValueError, KeyError: for a field that is not from `field`.
         """
         about = json.loads((field.metadata or {})[b"pepper_kin"])
         kind = field.type.value_type if about["frames"] else field.type
@@ -74,16 +74,17 @@ class Column:
 
 
 def schema_of(columns: Sequence[Column], about: Mapping[str, str]) -> pa.Schema:
-    """Return the schema of a file, with what is to be kept with it."""
+    """Return the Arrow schema of a file, with `about` as metadata."""
     return pa.schema([column.field() for column in columns], metadata=dict(about))
 
 
 def batch_of(schema: pa.Schema, columns: Sequence[Column], values: Mapping[str, Any]) -> pa.RecordBatch:
-    """Return rows as Arrow's: arrays of shape (N, ...), or (T, ...) of the frames of a single row."""
+    """Return rows as an Arrow batch: arrays of shape (N, ...), or (T, ...) of the frames of a single row."""
     return pa.RecordBatch.from_arrays([_encoded(c, values[c.name]) for c in columns], schema=schema)
 
 
 def _encoded(column: Column, value: Any) -> pa.Array:
+    """Return the values of a column as an Arrow array."""
     if column.dtype == "str":
         texts = [text.encode() for text in value]
         ends = np.cumsum([0, *map(len, texts)], dtype=np.int32)
@@ -100,14 +101,14 @@ def _encoded(column: Column, value: Any) -> pa.Array:
 
 
 def _plain(array: NDArray[Any]) -> pa.Array:
-    """Return numbers as Arrow's, without `pa.array`, which imports pandas: half of a worker's start."""
+    """Return numbers as an Arrow array, without `pa.array`, which imports pandas, half of a start's time."""
     if array.dtype == bool:
         return pa.array(array)
     return pa.Array.from_buffers(pa.from_numpy_dtype(array.dtype), array.size, [None, pa.py_buffer(array)])
 
 
 def decoded(column: Column, array: pa.Array | pa.ChunkedArray) -> Any:
-    """Return NumPy's array of a column, (N, ...), a list of texts, or for frames a list of (T, ...)."""
+    """Return a column as a NumPy array, (N, ...), a list of texts, or for frames a list of (T, ...)."""
     if isinstance(array, pa.ChunkedArray):
         array = array.combine_chunks() if array.num_chunks != 1 else array.chunk(0)
     if column.dtype == "str":
@@ -120,6 +121,7 @@ def decoded(column: Column, array: pa.Array | pa.ChunkedArray) -> Any:
 
 
 def _items(column: Column, array: pa.Array) -> NDArray[Any]:
+    """Return the items of an Arrow array as a NumPy array, shape (N, ...)."""
     flat = array.flatten() if column.shape else array
     if column.dtype == "bool":
         return np.asarray(flat.to_numpy(zero_copy_only=False)).reshape(-1, *column.shape)
@@ -127,20 +129,20 @@ def _items(column: Column, array: pa.Array) -> NDArray[Any]:
 
 
 class Moments:
-    """Count, least, greatest, mean and standard deviation of the finite numbers of a column.
+    """Count, minimum, maximum, mean and standard deviation of the finite numbers of a column.
 
-    Of two parts a and b:  mean = (n_a m_a + n_b m_b) / n,
+    For two parts a and b:  mean = (n_a m_a + n_b m_b) / n,
     M = M_a + M_b + (m_b - m_a)^2 n_a n_b / n,  std = sqrt(M / n)   (T. F. Chan et al., 1983).
 
     Args:
-        parts: count, min, max, mean and M, shape (size,) each; of nothing if omitted.
+        parts: count, min, max, mean and M, shape (size,) each; no items if omitted.
     """
 
     def __init__(self, parts: Sequence[Any] | None = None) -> None:
         self.parts = None if parts is None else np.array(parts, dtype=float)
 
     def add(self, items: NDArray[Any]) -> None:
-        """Count items, shape (N, ...)."""
+        """Add items to the statistics, shape (N, ...)."""
         if not len(items):
             return
         flat = np.asarray(items, dtype=float).reshape(len(items), -1)
@@ -153,7 +155,7 @@ class Moments:
         self.merge(np.array([count, least, np.where(good, flat, -np.inf).max(axis=0), mean, squares]))
 
     def merge(self, parts: NDArray[Any]) -> None:
-        """Count what others have counted, shape (5, size)."""
+        """Add the statistics of other items, shape (5, size)."""
         if self.parts is None:
             self.parts = parts.copy()
             return
@@ -164,7 +166,7 @@ class Moments:
         self.parts = np.array([a + b, np.minimum(low, low_b), np.maximum(high, high_b), mean, squares])
 
     def as_dict(self) -> dict[str, list[Any]]:
-        """Return the statistics by name, None for numbers that there are none of."""
+        """Return the statistics by name, None for entries without a finite number."""
         count, low, high, mean, squares = self.parts  # type: ignore[misc]
         some = count > 0
         rows = {"min": low, "max": high, "mean": mean, "std": np.sqrt(squares / np.maximum(count, 1))}

@@ -1,4 +1,4 @@
-"""Data sets that are read: rows by number or one after the other, as NumPy's arrays or Arrow's tables."""
+"""Reading of data sets: rows by index or one after the other, as NumPy arrays or Arrow tables."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ from pepper_kin.file_access.atomic_file import PathName
 
 JOB, MANIFEST, VERSION = "job.yaml", "manifest.json", 1
 _SHARD = re.compile(rf"{DATA}/shard-[\w-]+\.parquet")
-_OPEN = 8  # files that are kept open
-_MOST_GROUP = 65_536  # rows read at once
+_OPEN = 8  # maximum number of files that are kept open
+_MOST_GROUP = 65_536  # maximum number of rows that are read at once
 
 
 class Dataset:
-    """The rows of a data set, read when they are asked for.
+    """Rows of a data set, read on demand.
 
     Args:
-        store: Its files.
-        job: What it holds.
-        manifest: What its manifest says.
+        store: Store of the files.
+        job: Job of the data set.
+        manifest: Content of the manifest.
         verify: Whether the SHA-256 of each file is compared before its first row is read.
 
     Attributes:
-        store: Its files.
-        job: What it holds.
+        store: Store of the files.
+        job: Job of the data set.
         shards: Name, first row, rows, size, SHA-256 and statuses of each file.
     """
 
@@ -70,7 +70,7 @@ class Dataset:
         """The columns, with shapes, units and names.
 
         Raises:
-            FileFormatError: for a file with columns of something else.
+            FileFormatError: for a file with columns of another format.
         """
         try:
             return tuple(Column.of(found) for found in self.schema)
@@ -79,7 +79,7 @@ class Dataset:
 
     @property
     def statuses(self) -> dict[str, int]:
-        """How many rows ended how."""
+        """Number of rows per status."""
         counts: Counter[str] = Counter()
         for shard in self.shards:
             counts.update(shard["statuses"])
@@ -87,7 +87,7 @@ class Dataset:
 
     @cached_property
     def statistics(self) -> dict[str, dict[str, list[Any]]]:
-        """Count, min, max, mean and std of the finite numbers of each column, pictures excepted."""
+        """Count, min, max, mean and std of the finite numbers of each column, except pictures."""
         found: dict[str, Moments] = {}
         for shard in self.shards:
             for name, parts in read_footer(self.store, shard["name"])[1].items():
@@ -95,11 +95,11 @@ class Dataset:
         return {name: each.as_dict() for name, each in found.items()}
 
     def __getitem__(self, row: int) -> dict[str, Any]:
-        """Return a row by its number, from the end if it is below 0, as arrays, numbers and texts by column.
+        """Return a row by its index, from the end if negative, as arrays, numbers and texts by column.
 
         Raises:
-            IndexError: for a row that there is not.
-            FileFormatError: naming the file that is damaged.
+            IndexError: for an index out of range.
+            FileFormatError: naming the damaged file.
         """
         number = row + len(self) if row < 0 else row
         if not 0 <= number < len(self):
@@ -112,10 +112,10 @@ class Dataset:
         return self._row(table.slice(offset, 1))
 
     def row(self, number: int) -> dict[str, Any]:
-        """Return a row as `[number]` does.
+        """Return a row by its index, as `[number]` does.
 
         Raises:
-            InvalidValueError: for a row that there is not.
+            InvalidValueError: for an index out of range.
         """
         try:
             return self[number]
@@ -134,17 +134,17 @@ class Dataset:
         }  # fmt: skip
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
-        """Yield row after row; a group of a file is in memory at a time."""
+        """Yield row after row; one group of a file is in memory at a time."""
         for batch in self.batches():
             for offset in range(batch.num_rows):
                 yield self._row(batch.slice(offset, 1))
 
     def batches(self, columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
-        """Yield the rows in Arrow's tables: a motion each, or up to 65,536 solutions.
+        """Yield the rows as Arrow tables: a motion each, or up to 65,536 solutions.
 
         Raises:
-            UnknownNameError: for a column that there is not.
-            FileFormatError: naming the file that is damaged.
+            UnknownNameError: for an unknown column.
+            FileFormatError: naming the damaged file.
         """
         self._check(columns)
         for shard in range(len(self.shards)):
@@ -155,11 +155,11 @@ class Dataset:
                     yield table.slice(begin, _MOST_GROUP)
 
     def arrow(self, columns: Sequence[str] | None = None) -> pa.Table:
-        """Return all rows as one table of Arrow's, in memory."""
+        """Return all rows as one Arrow table in memory."""
         return pa.concat_tables(self.batches(columns))
 
     def numpy(self, columns: Sequence[str] | None = None) -> dict[str, Any]:
-        """Return all rows in memory: by column an array (N, ...), and for motions a list of (T, ...)."""
+        """Return all rows in memory, by column: an array (N, ...), or for motions a list of (T, ...)."""
         table = self.arrow(columns)
         return {c.name: decoded(c, table[c.name]) for c in self.columns if c.name in table.column_names}
 
@@ -176,7 +176,7 @@ class Dataset:
         """Return an open file.
 
         Raises:
-            FileFormatError: naming it, where it is missing or not the file that was written.
+            FileFormatError: naming the file, if it is missing or not the file that was written.
         """
         if shard not in self._files:
             about = self.shards[shard]
@@ -223,7 +223,7 @@ class Dataset:
 
 
 class _Named:
-    """Names a file in what Arrow raises about its content."""
+    """Context that turns Arrow's errors about a file's content into a `FileFormatError` naming the file."""
 
     def __init__(self, path: str) -> None:
         self._path = path
@@ -239,14 +239,14 @@ class _Named:
 
 
 def open_dataset(folder: PathName, *, verify: bool = True) -> Dataset:
-    """Open a data set that was made; `pepper_kin.datasets.open` is another name of it.
+    """Open a complete data set; `pepper_kin.datasets.open` is another name of this function.
 
     Args:
-        folder: Its folder, or an address that fsspec knows.
+        folder: Folder of the data set, or an address that fsspec knows.
         verify: Whether the SHA-256 of each file is compared before its first row is read.
 
     Raises:
-        FileFormatError: naming the file, where the data set is not complete, or its manifest is damaged.
+        FileFormatError: naming the file, if the data set is not complete, or its manifest is damaged.
     """
     store = Store(folder)
     if not store.exists(MANIFEST):

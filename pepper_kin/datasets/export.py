@@ -1,4 +1,4 @@
-"""Data sets in the formats of others, made of the finished rows."""
+"""Export of finished data sets to LeRobot and MCAP."""
 
 from __future__ import annotations
 
@@ -30,25 +30,25 @@ _STATES = {
     "demonstrations": ("observation", "action"),
     "replays": ("measured", "command"),
 }
-"""Kind -> the columns that are LeRobot's observation.state and action."""
+"""Kind -> columns that become LeRobot's observation.state and action."""
 
 
 def export(dataset: Dataset, store: Store, format: str) -> None:
-    """Write the solved motions of a data set in another format, to the folder of its name in the store.
+    """Write the solved motions of a data set in another format, to the store's folder named after it.
 
-    "lerobot": one LeRobotDataset v3.0 of all; the rates of sensors become that of the frames, which hold the
-    newest reading. Of motions without a twin the action of a frame is the next one's position.  Where objects
-    are shifted, `observation.environment_state` has their positions [m].  Joints that a log lacks are left
-    out.  "mcap": a file for each row, with the messages of ROS 2, on a disk only.  Digests of the files are
-    written beside the folder, to "lerobot.json" or "mcap.json", with which `check` compares them.
+    "lerobot": one LeRobotDataset v3.0 of all motions; sensors are resampled to the frames, which hold the
+    newest reading.  For motions without a twin the action of a frame is the next frame's position.  If
+    objects are shifted, `observation.environment_state` has their positions [m].  Joints that a log lacks are
+    omitted.  "mcap": one file per row, with ROS 2 messages, on a disk only.  Digests of the files are written
+    next to the folder, to "lerobot.json" or "mcap.json", against which `check` compares them.
 
     Raises:
-        InvalidValueError: for another format or a kind without motions, where no row was solved or an object
+        InvalidValueError: for another format or a kind without motions, if no row was solved or an object
             is in some scenes only, or for MCAP on an address of fsspec.
         MissingDependencyError: for films without PyAV, for MCAP without `mcap`.
 
     Warns:
-        FileFormatWarning: naming joints that are left out, and by how much times differ from even ones.
+        FileFormatWarning: naming joints that are omitted, and the deviation of times from even steps.
     """
     if dataset.job.kind not in _STATES:
         raise InvalidValueError("kind of data set", dataset.job.kind, f"one of {', '.join(_STATES)}")
@@ -65,7 +65,7 @@ def export(dataset: Dataset, store: Store, format: str) -> None:
 
 
 def export_faults(store: Store, format: str) -> list[str]:
-    """Return which files of `export` are missing or other ones than were written, a sentence each."""
+    """Return the faults of the files of `export`, missing or changed, one sentence each."""
     if not store.exists(f"{format}.json"):
         missing = f"{store.path(f'{format}.json')}: is missing, the digests of the files in {format}"
         return [f"{missing}: remove {MANIFEST}, then resume"]
@@ -87,7 +87,7 @@ def _kept_digests(store: Store, format: str) -> dict[str, str]:
     """Return the digests of the files that `export` wrote, by their names in the store.
 
     Raises:
-        FileFormatError: for a file that does not hold them.
+        FileFormatError: for a file without digests.
     """
     name = f"{format}.json"
     try:
@@ -100,7 +100,7 @@ def _kept_digests(store: Store, format: str) -> dict[str, str]:
 
 
 def _to_lerobot(dataset: Dataset, store: Store) -> list[str]:
-    """Write all of it unless it is there; return the names of the files that were written."""
+    """Write the LeRobotDataset unless it is complete; return the names of the written files."""
     place = Store(store.path("lerobot"))
     if place.exists("meta/info.json"):
         return []  # it was finished: info.json comes last
@@ -141,10 +141,10 @@ def _to_lerobot(dataset: Dataset, store: Store) -> list[str]:
 
 
 def _known_joints(dataset: Dataset, state: Column, action: Column) -> Array:
-    """Return which numbers of state and action every row has, shape (size,); a log may lack joints.
+    """Return a mask of the numbers of state and action in every row, shape (size,); logs may lack joints.
 
     Warns:
-        FileFormatWarning: naming those that are left out.
+        FileFormatWarning: naming the joints that are omitted.
     """
     known = np.ones(state.size, bool)
     if dataset.job.kind != "replays":
@@ -170,6 +170,7 @@ def _fps(dataset: Dataset) -> float:
 
 
 def _frames(row: dict[str, Any], state: Column, action: Column, others: list[Column]) -> dict[str, Any]:
+    """Return the frames of a row by LeRobot's feature names; sensors have their newest reading."""
     values, wanted = row[state.name], row[action.name]
     if state == action:
         wanted = np.concatenate([wanted[1:], wanted[-1:]])
@@ -201,7 +202,7 @@ def _feature(column: Column) -> Feature:
 
 
 def _to_mcap(dataset: Dataset, store: Store) -> list[str]:
-    """Write the files that are not there; return their names in the store."""
+    """Write the missing MCAP files; return their names in the store."""
     if store.local is None:
         raise InvalidValueError("format", "mcap", f"another one for {store.place}: it needs a disk")
     if "mcap" not in plugins("formats"):
@@ -221,7 +222,7 @@ def _to_mcap(dataset: Dataset, store: Store) -> list[str]:
 
 
 def _run(dataset: Dataset, row: dict[str, Any], pepper: Any) -> Run:
-    """Return a row as a run of the twin."""
+    """Return a row as a `Run` of the twin."""
     columns = {c.name: c for c in dataset.columns}
     readings = {}
     for name in columns:

@@ -1,4 +1,4 @@
-"""Jobs: what a data set shall hold, as a value and as a YAML file."""
+"""Jobs: specification of a data set, as a value and as a YAML file."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from pepper_kin.model.joint_vectors import check_choice, check_positive, check_w
 FORMAT = "pepper_kin data set job"
 VERSION, MADE_BY = 1, "pepper_kin"
 KINDS = ("ik", "reach_maps", "plans", "trajectories", "runs", "demonstrations", "replays")
-"""What rows of a data set hold: the `kind` of a `DatasetJob`."""
+"""Kinds of rows of a data set, the `kind` of a `DatasetJob`."""
 FORMATS = ("parquet", "lerobot", "mcap")
 """Formats in which a data set is written."""
 MOST_ROWS = 10**12
@@ -59,7 +59,7 @@ _USED: dict[str, dict[str, set[str]]] = {
     "demonstrations": {"targets": {"task", "goal_seed", "speed"}, "randomization": {"twin"}},
     "replays": {"targets": {"logs"}},
 }
-"""Kind -> section -> what it may hold."""
+"""Kind -> section -> allowed options."""
 _WITH_SCENES = ("ik", "plans", "trajectories", "runs")
 _ROBOT = {"base", "hands", "head_limits", "urdf", "srdf"}
 _LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
@@ -70,33 +70,33 @@ _NOT_ROWS = ("name", "rows_per_shard", "format", "license")
 
 @dataclass(frozen=True)
 class DatasetJob:
-    """What a data set shall hold.  A row depends on this value and on its number alone.
+    """Specification of a data set.  A row depends only on the job and on the row's index.
 
     Attributes:
         kind: One of `KINDS`.
         rows: Number of rows: solutions, maps, plans, motions, runs, episodes or logs.
         name: Title of the data set.
-        seed: Of all random choices, from 0 to 2^63 - 1.
-        rows_per_shard: Rows of a file; a process holds one file's rows at a time.
+        seed: Seed of all random choices, from 0 to 2^63 - 1.
+        rows_per_shard: Number of rows of a file; a process holds one file's rows at a time.
         robot: Options of `load_pepper`, or `urdf` and `srdf`, files of another robot.
-        scenes: Worlds, of which each row gets one: `Scene`s, files of them, or what such a file holds.
-        targets: Where the hand shall go, `by` "box" (evenly from `lower` to `upper` [m]) or by "postures"
-            (where random joint positions put it), whether to `look` there, and the `start` posture, or
+        scenes: Worlds, of which each row gets one: `Scene`s, files of scenes, or the content of such a file.
+        targets: Goals of the hand, `by` "box" (uniform from `lower` to `upper` [m]) or `by` "postures" (hand
+            positions of random joint positions), whether to `look` at them, and the `start` posture, or
             "random"; for maps `frame`, `joints`, `samples`, `resolution`; a learning `task`; `logs`.
-        randomization: `objects`, name -> (3,) greatest shift along each axis [m]; `twin`, the ranges of
+        randomization: `objects`, name -> (3,) maximum shift along each axis [m]; `twin`, the ranges of
             `learning.Randomization`, or "measured".
         planner: Options of `plan`, or of `ik.solve_batch`.
         timing: Options of `retime`.
         twin: Options of `Twin`, and `hold_time` [s].
-        sensors: Names of sensors that a run reads, cameras too.
-        fps: Frames of a motion in a second.
-        format: "parquet", or also "lerobot" or "mcap", made from it in the end.
-        license: Of the data, for its card.
+        sensors: Names of sensors, including cameras, that a run reads.
+        fps: Frame rate of motions [1/s].
+        format: "parquet", or "lerobot" or "mcap", which is made from the Parquet files at the end.
+        license: License of the data, for the card.
 
     Raises:
-        InvalidValueError: naming the field and what is allowed.
+        InvalidValueError: naming the field and the allowed values.
         UnknownNameError: for an option that the kind does not have.
-        FileFormatError: for a file that is missing or no scene.
+        FileFormatError: for a missing file, or one that is not a scene.
     """
 
     kind: str
@@ -117,7 +117,7 @@ class DatasetJob:
     license: str = "CC-BY-4.0"
 
     def __post_init__(self) -> None:
-        """Check the fields, and take the content of scenes and the hashes of other files into the value."""
+        """Check the fields, and store the content of scenes and the hashes of other files in them."""
         if self.kind not in KINDS:
             raise UnknownNameError("kind of data set", self.kind, KINDS)
         check_whole("rows", self.rows, 1, MOST_ROWS)
@@ -163,30 +163,30 @@ class DatasetJob:
 
     @cached_property
     def hash(self) -> str:
-        """SHA-256 of all that the rows depend on, the version of the library included."""
+        """SHA-256 of all inputs of the rows, including the version of the library."""
         value = {k: v for k, v in self.as_dict().items() if k not in _NOT_ROWS}
         value["pepper_kin"] = __version__
         return hashlib.sha256(json.dumps(value, sort_keys=True, allow_nan=False).encode()).hexdigest()
 
     def bounds(self, shard: int) -> tuple[int, int]:
-        """Return the first row of a shard and the one after its last.
+        """Return the first row of a shard and the row after its last.
 
         Raises:
-            InvalidValueError: for a shard that there is not.
+            InvalidValueError: for a shard out of range.
         """
         check_whole("shard", shard, 0, self.shards - 1)
         begin = shard * self.rows_per_shard
         return begin, min(begin + self.rows_per_shard, self.rows)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain values, of which `DatasetJob(**values)` is the same job."""
+        """Return plain values from which `DatasetJob(**values)` makes an equal job."""
         return json.loads(json.dumps({f.name: getattr(self, f.name) for f in fields(self)}))
 
     def save(self, path: PathName) -> Path:
         """Write the job as a YAML file, with the scenes in it; return its path.
 
         Raises:
-            FileFormatError: where it cannot be written.
+            FileFormatError: if it cannot be written.
         """
         return write_text(path, self.text())
 
@@ -197,16 +197,16 @@ class DatasetJob:
 
 
 def load_job(path: PathName) -> DatasetJob:
-    """Read a job from a YAML file; names of files in it are looked for beside it.
+    """Read a job from a YAML file; file names in it are relative to its folder.
 
     Raises:
-        FileFormatError: naming the file, and the line or the field that is wrong.
+        FileFormatError: naming the file, and the wrong line or field.
     """
     return job_of_text(read_text(path), path)
 
 
 def job_of_text(text: str, source: PathName) -> DatasetJob:
-    """Return the job in the text of a YAML file, which `source` names; see `load_job`."""
+    """Return the job in the text of a YAML file named `source`; see `load_job`."""
     try:
         _check_nesting(text, source)
         content = yaml.load(text, Loader=_LOADER)
@@ -237,7 +237,7 @@ def job_of_text(text: str, source: PathName) -> DatasetJob:
 
 
 def _check_nesting(text: str, source: PathName) -> None:
-    """Refuse references, a few lines of which would fill the memory, and what is nested without end."""
+    """Refuse YAML references, a few lines of which can fill the memory, and too deep nesting."""
     depth = 0
     for event in yaml.parse(text, Loader=_LOADER):
         if isinstance(event, yaml.AliasEvent):
@@ -248,7 +248,7 @@ def _check_nesting(text: str, source: PathName) -> None:
 
 
 def _beside(content: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Return the fields with the names of files taken from a folder."""
+    """Return the fields with absolute file names, relative names taken from a folder."""
 
     def named(value: Any) -> Any:
         if isinstance(value, dict) and "path" in value:
@@ -275,6 +275,7 @@ def _take_files(section: Mapping[str, Any], option: str) -> None:
 
 
 def _hashed(value: Any) -> dict[str, str]:
+    """Return path and SHA-256 of a file; refuse a file that differs from a known hash."""
     path: Any = value.get("path") if isinstance(value, Mapping) else value
     known = value.get("sha256") if isinstance(value, Mapping) else None
     found = hashlib.sha256(read_bytes(path)).hexdigest()
@@ -284,7 +285,7 @@ def _hashed(value: Any) -> dict[str, str]:
 
 
 def _scene(value: Any, number: int) -> Mapping[str, Any]:
-    """Return a scene as plain values, which were checked."""
+    """Return a scene as checked plain values."""
     place = f"scenes[{number}]"
     if isinstance(value, Scene):
         return scene_as_dict(value)
@@ -298,7 +299,7 @@ def _scene(value: Any, number: int) -> Mapping[str, Any]:
 
 
 def _plain(value: Any, place: str) -> Any:
-    """Return a value with tuples and arrays as lists, so that it is what comes back from a file."""
+    """Return a value with tuples and arrays as lists, as they would be read from a file."""
     if isinstance(value, Mapping):
         for name in value:
             if not isinstance(name, str):

@@ -1,4 +1,4 @@
-"""The kinds of data sets: which columns they have, and how rows are computed."""
+"""Kinds of data sets: their columns, and the computation of their rows."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ identification = lazy_module("pepper_kin.identification")
 SOLVED = "solved"
 NOT_CERTIFIED = "not_certified"
 NO_TIMING = "no_timing"
-_NOT_KEPT = (RunStatus.STOPPED, RunStatus.TOUCHED, RunStatus.BLOCKED)  # a late run is data
+_NOT_KEPT = (RunStatus.STOPPED, RunStatus.TOUCHED, RunStatus.BLOCKED)  # no frames kept; a late run is data
 _ROW = Column("row", "int64")
 _STATUS = Column("status", "str")
 _REASON = Column("reason", "str")
@@ -39,8 +39,8 @@ _TARGET = Column("target", "float64", (3,), unit="m", names=("x", "y", "z"))
 _SCENE = Column("scene", "int32")
 _TIME = Column("time", frames=True, unit="s")
 _TIMED = re.compile(r"\d m?s\b")
-_TIMEOUT = 60.0  # [s] of a plan: long, so that a slow machine finds what a fast one does
-_TOGETHER = 64  # robots that act at once
+_TIMEOUT = 60.0  # timeout of a plan [s]: long, so that slow and fast machines find the same plans
+_TOGETHER = 64  # maximum number of robots that act at once
 
 Values = Mapping[str, Any]
 
@@ -49,9 +49,9 @@ class DatasetKind:
     """Rows of one kind of data set.
 
     Attributes:
-        recipe: What the rows share.
+        recipe: Robot, scenes and random numbers that the rows share.
         columns: The columns, `row` first and `status` second.
-        episodes: Whether a row is a motion, which is a group of the file.
+        episodes: Whether each row is a motion, stored as one group of the file.
     """
 
     episodes = True
@@ -61,11 +61,11 @@ class DatasetKind:
         self.columns: tuple[Column, ...] = ()
 
     def rows(self, begin: int, end: int) -> Iterator[Values]:
-        """Yield the columns of rows, one after the other or all at once; each depends on its number alone."""
+        """Yield the columns of rows, one row or all rows at a time; a row depends only on its index."""
         raise NotImplementedError
 
     def _ended(self, row: int, status: str, reason: str, **values: Any) -> Values:
-        """Return a row of which the frames that are not given are empty, and numbers NaN."""
+        """Return a row; frames that are not given are empty, and numbers NaN."""
         found: dict[str, Any] = {"row": [row], "status": [status], "reason": [reason]}
         for column in self.columns:
             if column.name in values:
@@ -116,7 +116,7 @@ class IKRows(DatasetKind):
 
 
 class ReachMapRows(DatasetKind):
-    """Maps of where a frame can go, each of other samples: their counts can be added."""
+    """Reachability maps of a frame, each from other samples, so that their counts can be added."""
 
     def __init__(self, recipe: Recipe) -> None:
         super().__init__(recipe)
@@ -204,7 +204,7 @@ class TrajectoryRows(PlanRows):
         return self._certified(row, motion, scene, {"duration": motion.duration, **about})
 
     def _certified(self, row: int, motion: Trajectory, scene: Scene, about: dict[str, Any]) -> Values:
-        # At even times, the last of which is at the end or after it, where the robot rests.
+        # At equally spaced times, the last of which is at or after the end, where the robot rests.
         time = np.arange(math.ceil(motion.duration * self.job.fps - 1e-6) + 1) / self.job.fps
         state = motion(np.minimum(time, motion.duration))
         resting = (time < motion.duration)[:, np.newaxis]
@@ -214,7 +214,7 @@ class TrajectoryRows(PlanRows):
 
 
 class RunRows(TrajectoryRows):
-    """Certified motions on a twin that may differ from row to row, with what its sensors say."""
+    """Certified motions on a twin that may differ from row to row, with the readings of its sensors."""
 
     def __init__(self, recipe: Recipe) -> None:
         super().__init__(recipe)
@@ -290,7 +290,7 @@ class DemonstrationRows(DatasetKind):
         return learning.PepperVectorEnv(count, self._task, **options)
 
     def rows(self, begin: int, end: int) -> Iterator[Values]:
-        """Yield episode after episode; robots that are alike act together."""
+        """Yield episode after episode; identical robots act in one batch."""
         alike = self._ranges is None
         together = _TOGETHER if alike else 1
         for first in range(begin, end, together):
@@ -298,9 +298,9 @@ class DemonstrationRows(DatasetKind):
             yield from self._episodes(rows, max(len(rows), KERNEL_FROM) if alike else 1)
 
     def _episodes(self, rows: range, count: int) -> Iterator[Values]:
-        """Yield the episodes of rows, of at least so many robots: fewer would be computed by other code.
+        """Yield the episodes of rows, with at least `count` robots: smaller batches run other code.
 
-        A kernel's result does not depend on the neighbors of a row, so that its bits are those of the row.
+        A kernel's result for a row does not depend on its neighbors, so each row is the same bit by bit.
         """
         seeds = [self.recipe.seed_of(row) for row in rows]
         seeds += [seeds[0]] * (count - len(rows))
@@ -327,7 +327,7 @@ class DemonstrationRows(DatasetKind):
 
 
 def _observed(env: Any, joints: tuple[str, ...]) -> tuple[str, ...]:
-    """Return names of the numbers that are observed, in the order of `core.episodes.observe`."""
+    """Return names of the observed numbers, in the order of `core.episodes.observe`."""
     axes = [f"{k}.{axis}" for k in range(env.task.achieved_goal(env.state).shape[1]) for axis in "xyz"]
     names = [f"{joint}.{quantity}" for quantity in ("position", "velocity") for joint in joints]
     names += [f"{quantity}.{axis}" for quantity in ("place", "way_to_goal") for axis in axes]
@@ -335,7 +335,7 @@ def _observed(env: Any, joints: tuple[str, ...]) -> tuple[str, ...]:
 
 
 class ReplayRows(DatasetKind):
-    """Robots' logs with the twin beside them, one log after the other."""
+    """Logs of robots with the twin's simulation of each log, one log after the other."""
 
     def __init__(self, recipe: Recipe) -> None:
         super().__init__(recipe)
@@ -376,11 +376,11 @@ ALL: dict[str, type[DatasetKind]] = {
 
 
 def _reason(found: Plan) -> str:
-    """Return why there is no plan, without what differs from call to call: lines that state a time."""
+    """Return why there is no plan, without lines that state a time, which differ from call to call."""
     lines = [line for line in found.message.splitlines() if not _TIMED.search(line)]
     return "\n".join(lines) or found.status.advice
 
 
 def _randomization(ranges: Any) -> Any:
-    """Return the ranges of a job: a mapping, or "measured" for those of a real robot."""
+    """Return the ranges of a job: a mapping, or "measured" for the ranges of a real robot."""
     return learning.Randomization(None if ranges == "measured" else ranges)

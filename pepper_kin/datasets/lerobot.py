@@ -1,4 +1,4 @@
-"""LeRobotDataset v3.0, written with pyarrow alone."""
+"""Writer of LeRobotDataset v3.0 that needs only pyarrow."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ QUANTILES = (0.01, 0.10, 0.50, 0.90, 0.99)
 _NAMES = ("min", "max", "mean", "std", "count", *(f"q{round(100 * q):02d}" for q in QUANTILES))
 _INDICES = ("frame_index", "episode_index", "index", "task_index")
 RESERVED = ("timestamp", *_INDICES, "task", "language_persistent", "language_events")
-"""Columns that LeRobot adds to the features or reads as language; its items have the task in words, too."""
-_CHUNK = 1000  # files of a folder
-_TOGETHER = 1000  # episodes whose statistics are in memory
-_STILLS = 32  # pictures of an episode that its statistics are made of
+"""Columns that LeRobot adds to the features or reads as language; its items also have the task as text."""
+_CHUNK = 1000  # maximum number of files in a folder
+_TOGETHER = 1000  # maximum number of episodes whose statistics are in memory
+_STILLS = 32  # maximum number of pictures of an episode in its statistics
 _DATA = "data/chunk-{:03d}/file-{:03d}.parquet"
 _EPISODES = "meta/episodes/chunk-000/file-000.parquet"
 _VIDEO = "videos/{}/chunk-{:03d}/file-{:03d}.mp4"
@@ -33,11 +33,11 @@ _VIDEO = "videos/{}/chunk-{:03d}/file-{:03d}.mp4"
 
 @dataclass(frozen=True)
 class Feature:
-    """What a frame holds.
+    """Feature of a frame: numbers or a picture.
 
     Attributes:
-        size: Numbers, float32; 0 for a picture.
-        names: Of the numbers.
+        size: Number of float32 numbers; 0 for a picture.
+        names: Names of the numbers.
         picture: Height and width of a picture [pixel], both even; its frames are a film.
     """
 
@@ -47,19 +47,19 @@ class Feature:
 
 
 class LeRobotWriter:
-    """Writes episodes; a context manager, at whose end the data set is whole: `meta/info.json` comes last.
+    """Writer of episodes; a context manager, which completes the data set: `meta/info.json` comes last.
 
     Args:
         place: A new folder, or an address that fsspec knows.
-        fps: Frames a second, a whole number.
-        features: Their names, such as `observation.state` and `action`, and what they hold.
+        fps: Frame rate [1/s], an integer.
+        features: Name, such as `observation.state` and `action` -> feature.
         robot_type: Name of the robot.
-        frames_per_file: Frames after which a new file begins.
+        frames_per_file: Number of frames after which a new file begins.
 
     Raises:
-        InvalidValueError: for a folder that holds something, features without any numbers, names of features
-            that LeRobot has itself or cannot hold ("/"), or another number of names than of numbers.
-        MissingDependencyError: for films where PyAV is not installed.
+        InvalidValueError: for a folder that is not empty, features without any numbers, feature names that
+            LeRobot reserves or cannot store ("/"), or another number of names than of numbers.
+        MissingDependencyError: for films if PyAV is not installed.
     """
 
     def __init__(
@@ -85,7 +85,7 @@ class LeRobotWriter:
             raise InvalidValueError("features", sorted(features), "one of numbers, at least")
         if self._films:
             _av()
-        # One number is a plain column: lerobot refuses lists of one.
+        # One number is a plain column: lerobot refuses lists of length one.
         fields = [
             pa.field(name, pa.float32() if f.size == 1 else pa.list_(pa.float32(), f.size))
             for name, f in self._numbers.items()
@@ -104,12 +104,12 @@ class LeRobotWriter:
         """Append an episode.
 
         Args:
-            task: What is done in it, in words.
-            **frames: Of each feature: (T, size) numbers, or (T, height, width, 3) colors, 0 to 255.
+            task: Description of the episode's task.
+            **frames: Frames of each feature: (T, size) numbers, or (T, height, width, 3) colors, 0 to 255.
 
         Raises:
             InvalidValueError: naming the feature, for another shape, no frame, or NaN.
-            FileFormatError: where a file cannot be written.
+            FileFormatError: if a file cannot be written.
         """
         if {*frames} != {*self.features}:
             raise InvalidValueError("features", ", ".join(sorted(frames)), ", ".join(sorted(self.features)))
@@ -132,7 +132,7 @@ class LeRobotWriter:
             (at / self.fps).astype(np.float32), at, np.full(count, self.episodes), self.frames + at,
             np.full(count, number),
         ]  # fmt: skip
-        # A row of each number, so that they are sorted in one call, in vector registers.
+        # One row per number, so that all are sorted in one call, in vector registers.
         table = np.empty((self._edges[-1] + 1, count), np.float32)
         for name, begin, end in zip(arrays, self._edges[:-1], self._edges[1:], strict=True):
             table[begin:end] = arrays[name].T
@@ -158,8 +158,8 @@ class LeRobotWriter:
         """Complete the data set.
 
         Raises:
-            InvalidValueError: where no episode was added.
-            FileFormatError: where a file cannot be written.
+            InvalidValueError: if no episode was added.
+            FileFormatError: if a file cannot be written.
         """
         if not self.episodes:
             raise InvalidValueError("episodes", 0, "one at least")
@@ -176,7 +176,7 @@ class LeRobotWriter:
         return self
 
     def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
-        """Close, or after an exception leave a folder without `meta/info.json`, which nobody reads."""
+        """Close; after an exception leave the folder without `meta/info.json`, so that readers refuse it."""
         if kind is None:
             self.close()
             return
@@ -215,14 +215,14 @@ class LeRobotWriter:
         context.__exit__(None, None, None)
 
     def _spans(self) -> dict[str, tuple[int, int]]:
-        """Return where the statistics of each feature are in those of all."""
+        """Return the range of each feature in the arrays of all statistics."""
         sizes = {name: f.size for name, f in self._numbers.items()}
         sizes |= {"timestamp": 1, **dict.fromkeys(_INDICES, 1), **dict.fromkeys(self._films, 3)}
         ends = np.cumsum(list(sizes.values())).tolist()
         return {n: (end - size, end) for (n, size), end in zip(sizes.items(), ends, strict=True)}
 
     def _flush(self) -> None:
-        """Write what is known of the last episodes."""
+        """Write the metadata and statistics of the last episodes."""
         if not self._rows:
             return
         found, first = np.stack(self._statistics), self.episodes - len(self._rows)
@@ -256,7 +256,7 @@ class LeRobotWriter:
         self._rows, self._statistics = [], []
 
     def _total(self, found: NDArray[np.float64]) -> None:
-        """Join statistics, shape (episodes, 10, size), with those before; quantiles are weighted means."""
+        """Add statistics, shape (episodes, 10, size), to the totals; quantiles are weighted means."""
         rows = found if self._totals is None else np.concatenate([self._totals[None], found])
         low, high, mean, std, count = (rows[:, k] for k in range(5))
         whole = count.sum(axis=0)
@@ -315,7 +315,7 @@ class LeRobotWriter:
 
 
 def _check_features(features: Mapping[str, Feature]) -> None:
-    """Refuse what LeRobot cannot hold, by the feature's name."""
+    """Refuse features that LeRobot cannot store, naming the feature."""
     for name, feature in features.items():
         if name in RESERVED:
             raise InvalidValueError("feature", repr(name), f"another name than {', '.join(RESERVED)}")
@@ -336,12 +336,12 @@ def _check_features(features: Mapping[str, Feature]) -> None:
 def _of_numbers(table: NDArray[np.float32]) -> NDArray[np.float64]:
     """Return the statistics of numbers, shape (size, T), as rows of `_NAMES`, shape (10, size).
 
-    Quantiles lie between sorted numbers: at (T - 1) q, linearly, as NumPy's.
+    Quantiles are interpolated linearly between sorted numbers at (T - 1) q, like NumPy's.
     """
     count = table.shape[1]
     table = table.copy()
     mean = table.mean(axis=1, dtype=np.float64)
-    # Over a power of two, so that no square leaves single precision.
+    # Scaled by a power of two, so that no square overflows or underflows in single precision.
     power = np.frexp(np.maximum(table.max(axis=1), -table.min(axis=1)))[1].clip(-120, 120)
     scale = np.ldexp(np.float32(1.0), -power)[:, None]
     shifted = table * scale - (mean[:, None] * scale).astype(np.float32)
@@ -357,7 +357,7 @@ def _of_numbers(table: NDArray[np.float32]) -> NDArray[np.float64]:
 
 
 def _of_indices(count: int, episode: int, first: int, task: int) -> NDArray[np.float64]:
-    """Return the statistics of `_INDICES`: those of 0 ... T - 1, and of constants."""
+    """Return the statistics of `_INDICES`: of the sequences 0 ... T - 1, and of constants."""
     last = count - 1
     run = [0.0, last, last / 2, np.sqrt((count**2 - 1) / 12), count, *(last * q for q in QUANTILES)]
     shift = np.array([1.0, 1.0, 1.0, 0.0, 0.0, *(1.0 for _ in QUANTILES)])
@@ -374,7 +374,7 @@ def _of_pictures(film: NDArray[np.uint8]) -> NDArray[np.float64]:
 
 
 def _lists(values: NDArray[Any], *, deep: bool) -> pa.Array:
-    """Return rows (N, k) as lists, or as lists of (k, 1, 1), as those of pictures are."""
+    """Return rows (N, k) as lists, or as lists of (k, 1, 1) for statistics of pictures."""
     found = pa.array(np.ascontiguousarray(values).reshape(-1))
     for _ in range(2 if deep else 0):
         found = pa.ListArray.from_arrays(np.arange(len(found) + 1, dtype=np.int32), found)
@@ -383,7 +383,7 @@ def _lists(values: NDArray[Any], *, deep: bool) -> pa.Array:
 
 
 def _tasks_table(tasks: Sequence[str]) -> pa.Table:
-    """Return the tasks with the metadata by which pandas takes their texts for its index."""
+    """Return the tasks with metadata that make pandas use their texts as the index."""
 
     def column(name: str | None, field: str, kind: str, dtype: str) -> dict[str, Any]:
         return {"name": name, "field_name": field, "pandas_type": kind, "numpy_type": dtype, "metadata": None}
@@ -409,7 +409,7 @@ def _av() -> Any:
 
 
 def _encode(film: NDArray[np.uint8], fps: int, target: BinaryIO) -> None:
-    """Encode pictures, shape (T, height, width, 3), as H.264; every second picture can be sought."""
+    """Encode pictures, shape (T, height, width, 3), as H.264; every second picture is a key frame."""
     av = _av()
     try:
         with av.open(target, "w", format="mp4") as container:

@@ -1,4 +1,4 @@
-"""Data sets made, and made on where that was interrupted."""
+"""Generation of data sets, and its resumption after an interruption."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ from pepper_kin.model.joint_vectors import check_whole
 
 @dataclass
 class Progress:
-    """How far a data set is.
+    """Progress of the generation of a data set.
 
     Attributes:
-        done: Rows that are written.
-        total: Rows that it will have.
-        new: Rows that this call has made.
-        seconds: Time since the call began, by a clock that nobody sets [s].
-        statuses: How many rows that this call has made ended how.
+        done: Number of rows that are written.
+        total: Number of rows of the complete data set.
+        new: Number of rows that this call has made.
+        seconds: Time since the call began, on a monotonic clock [s].
+        statuses: Number of rows that this call has made, per status.
     """
 
     done: int
@@ -46,16 +46,16 @@ class Progress:
 
     @property
     def rate(self) -> float:
-        """Rows a second."""
+        """Rate of this call [rows/s]."""
         return self.new / self.seconds if self.seconds > 0 else 0.0
 
     @property
     def left(self) -> float:
-        """Time that the rest will take at this rate [s]; infinity before the first shard."""
+        """Remaining time at this rate [s]; infinity before the first shard."""
         return (self.total - self.done) / self.rate if self.rate > 0 else math.inf
 
     def sentence(self) -> str:
-        """Return it in a line."""
+        """Return the progress in a line."""
         ends = ", ".join(f"{count} {status}" for status, count in self.statuses.most_common())
         left = f"{self.left:.0f} s left" if math.isfinite(self.left) else "the time left is not known yet"
         return f"{self.done} of {self.total} rows, {self.rate:.0f} a second, {left}" + (ends and f"; {ends}")
@@ -69,30 +69,30 @@ def make(
     client: Any = None,
     on_progress: Callable[[Progress], None] | None = None,
 ) -> Dataset:
-    """Make a data set, or what a folder still lacks of it.
+    """Make a data set, or the missing part of it in a folder.
 
     Every shard is a file with a name made of job and rows, written whole or not at all, so no row is lost or
-    there twice, whatever is killed and however often this is called; the manifest comes last.
+    doubled, even if processes are killed and the call is repeated; the manifest comes last.
 
     Args:
-        job: What it shall hold.
-        folder: Where it goes: a folder, or an address that fsspec knows.
-        workers: Processes of this machine, one for each core if omitted; 0 computes in this process.
+        job: Specification of the data set.
+        folder: Folder of the data set, or an address that fsspec knows.
+        workers: Number of processes on this machine, one per core if omitted; 0 computes in this process.
         client: A `distributed.Client` or the address of a Dask scheduler, whose workers are used instead.
-        on_progress: Called after each shard.
+        on_progress: Function that is called after each shard.
 
     Returns:
         The data set.
 
     Raises:
-        InvalidValueError: for a folder with another data set, or which another process works on.
+        InvalidValueError: for a folder with another data set, or in use by another process.
         FileFormatError: for files that are damaged, or cannot be written: call again when there is space.
-        InfeasibleError: where processes or the scheduler died again and again.
-        PepperKinError: naming the option of the job that cannot be taken, before anything is written.
+        InfeasibleError: if processes or the scheduler died repeatedly.
+        PepperKinError: naming the invalid option of the job, before anything is written.
     """
     count = os.cpu_count() or 1 if workers is None else check_whole("workers", workers, 0, 4096)
     store = Store(folder)
-    kind_of(job)  # refuses what the robot, planner or twin cannot take
+    kind_of(job)  # refuses options that the robot, planner or twin does not accept
     with store.locked():
         _claim(store, job)
         store.clean(DATA)
@@ -119,10 +119,10 @@ def make(
 
 
 def resume(folder: PathName, **options: Any) -> Dataset:
-    """Make what a folder still lacks of the data set that was begun in it; see `make`.
+    """Make the missing part of the data set that was begun in a folder; see `make`.
 
     Raises:
-        FileFormatError: for a folder in which none was begun.
+        FileFormatError: for a folder in which no data set was begun.
     """
     return make(read_job(Store(folder)), folder, **options)
 
@@ -131,7 +131,7 @@ def read_job(store: Store) -> DatasetJob:
     """Return the job of a data set that was begun.
 
     Raises:
-        FileFormatError: where there is none, or another version of the library began it.
+        FileFormatError: if there is no job, or another version of the library began the data set.
     """
     if not store.exists(JOB):
         raise FileFormatError(store.place, f"holds no data set that was begun: it has no {JOB}")
@@ -147,6 +147,7 @@ def read_job(store: Store) -> DatasetJob:
 def _runner(
     job: DatasetJob, missing: list[int], store: Store, workers: int, client: Any
 ) -> Generator[tuple[int, dict[str, Any]], None, None]:
+    """Return the generator that computes shards: on a cluster, in this process, or in a pool."""
     if client is not None:
         return on_dask(job, missing, store, client)
     if workers == 0:
@@ -155,7 +156,7 @@ def _runner(
 
 
 def _claim(store: Store, job: DatasetJob) -> None:
-    """Write the job into a new folder, or refuse one that has another."""
+    """Write the job into a new folder, or refuse a folder with another job."""
     if store.exists(JOB):
         other = read_job(store)
         if any(getattr(other, name) != getattr(job, name) for name in ("hash", "rows_per_shard", "format")):
@@ -168,7 +169,7 @@ def _claim(store: Store, job: DatasetJob) -> None:
 
 
 def _finish(store: Store, job: DatasetJob, found: dict[int, dict[str, Any]]) -> None:
-    """Write statistics, card and exports of a complete data set, and the manifest, which says so, last."""
+    """Write statistics, card and exports of a complete data set, and last the manifest that marks it so."""
     known: dict[int, dict[str, Any]] = {}
     if store.exists(MANIFEST):
         known = dict(enumerate(open_dataset(store.place).shards))

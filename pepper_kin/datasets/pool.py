@@ -1,4 +1,4 @@
-"""Processes of this machine that compute shards, and are replaced when they are killed."""
+"""Pool of processes on this machine that compute shards, and are replaced when they are killed."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from pepper_kin.datasets.store import Store
 from pepper_kin.exceptions import InfeasibleError, PepperKinError
 
 MOST_KILLS = 5
-"""Processes that may die over one shard until it is given up."""
+"""Number of processes killed while computing one shard after which the shard is abandoned."""
 
 
 class _Worker:
@@ -30,24 +30,24 @@ class _Worker:
             [sys.executable, "-P", "-c", f"from {__name__} import serve; serve()"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            start_new_session=True,  # Ctrl-C is for the driver, which ends them
+            start_new_session=True,  # Ctrl-C reaches only the driver, which ends the workers
             env={"OPENBLAS_NUM_THREADS": "1", **os.environ, "PYTHONPATH": path},
         )
         self.shard: int | None = None
         self._send({"job": job.as_dict(), "folder": store.place})
 
     def give(self, shard: int) -> None:
-        """Let it compute a shard."""
+        """Make the process compute a shard."""
         self.shard = shard
         self._send({"shard": shard})
 
     def answer(self) -> dict[str, Any] | None:
-        """Return what it says, None where it has died."""
+        """Return the answer of the process, None if it has died."""
         line = self.process.stdout.readline()  # type: ignore[union-attr]
         return json.loads(line) if line.endswith(b"\n") else None
 
     def end(self, *, kill: bool = False) -> None:
-        """Let it end, at once if killed, else after its shard."""
+        """End the process, at once if `kill`, else after its shard."""
         if kill:
             self.process.kill()
         for pipe in (self.process.stdin, self.process.stdout):
@@ -56,7 +56,7 @@ class _Worker:
         self.process.wait()
 
     def _send(self, message: dict[str, Any]) -> None:
-        with suppress(OSError):  # of one that has died: its pipe is at its end, too
+        with suppress(OSError):  # the process has died; `answer` reports it
             self.process.stdin.write(json.dumps(message).encode() + b"\n")  # type: ignore[union-attr]
             self.process.stdin.flush()  # type: ignore[union-attr]
 
@@ -64,14 +64,14 @@ class _Worker:
 def on_pool(
     job: DatasetJob, shards: Iterable[int], store: Store, workers: int
 ) -> Generator[tuple[int, dict[str, Any]], None, None]:
-    """Yield the number and the summary of each shard as soon as it is written, by several processes.
+    """Yield the index and the summary of each shard as soon as one of several processes has written it.
 
-    A process that is killed is replaced, and its shard computed again.  When the caller ends, however, the
+    A process that is killed is replaced, and its shard computed again.  If the caller ends in any way, the
     processes end after their shards.
 
     Raises:
-        PepperKinError: what computing or writing a shard raised.
-        InfeasibleError: where MOST_KILLS processes died over one shard.
+        PepperKinError: raised by computing or writing a shard.
+        InfeasibleError: if MOST_KILLS processes died while computing one shard.
     """
     waiting, kills = deque(shards), Counter[int]()
     team: dict[int, _Worker] = {}
@@ -121,9 +121,9 @@ def on_pool(
 
 
 def serve() -> None:
-    """Compute the shards whose numbers are read from the standard input, until it ends."""
+    """Compute the shards whose indices are read from standard input, until it ends."""
     answers = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what libraries print is no answer
+    os.dup2(2, 1)  # output printed by libraries must not mix with answers
     first = json.loads(sys.stdin.buffer.readline() or "null")
     if first is None:
         return

@@ -1,4 +1,4 @@
-"""The parts that all rows of a job share: robot, scenes, random numbers, goals."""
+"""Parts that all rows of a job share: robot, scenes, random numbers, goals."""
 
 from __future__ import annotations
 
@@ -19,28 +19,28 @@ from pepper_kin.model import PepperModel, load_pepper, load_robot
 from pepper_kin.model.joint_vectors import as_finite, check_choice
 
 NUMBERS = 64
-"""Random numbers of each row that are drawn for many rows at once."""
-_POSITION, _PLACE, _STARTS, _SHIFT = 0, 3, 4, 40  # which of them are for what
-_TRIES = 64  # random starts until one is free of collisions
+"""Number of random numbers per row that are drawn for many rows at once."""
+_POSITION, _PLACE, _STARTS, _SHIFT = 0, 3, 4, 40  # offsets of the numbers for goal, scene, start and shifts
+_TRIES = 64  # maximum number of random starts that are tried until one is collision-free
 
 
 PLACE = "object."
-"""What the names of columns with the positions of shifted objects begin with."""
+"""Prefix of the names of columns with the positions of shifted objects."""
 
 
 class Recipe:
-    """A job made ready; everything in it follows from the job.
+    """Robot, scenes and random numbers of a job, all determined by the job.
 
     The random numbers of row r are the counters from 16 r on of Philox (J. Salmon et al., Parallel random
-    numbers: as easy as 1, 2, 3, 2011) with the job's seed as its key: whoever computes a row, in whatever
-    shard, draws the same.
+    numbers: as easy as 1, 2, 3, 2011) with the job's seed as its key: they do not depend on the process and
+    shard that compute the row.
 
     Args:
         job: The job.
 
     Raises:
-        InvalidValueError, UnknownNameError, LimitError: naming the option that the robot cannot take.
-        FileFormatError: for a file that is missing.
+        InvalidValueError, UnknownNameError, LimitError: naming the option that the robot does not accept.
+        FileFormatError: for a missing file.
     """
 
     def __init__(self, job: DatasetJob) -> None:
@@ -72,11 +72,11 @@ class Recipe:
         return np.random.Generator(source).random((end - begin, NUMBERS))
 
     def joints(self, name: str, unit: str = "", *, frames: bool = False) -> Column:
-        """Return a column with a number for each joint."""
+        """Return a column with one number per joint."""
         return Column(name, "float64", (self.pepper.n,), frames, unit, self.pepper.joint_names)
 
     def scene_numbers(self, u: Array) -> np.ndarray:
-        """Return which scene each row is in, shape (rows,)."""
+        """Return the index of the scene of each row, shape (rows,)."""
         return np.minimum((u[:, _PLACE] * len(self.scenes)).astype(np.int32), len(self.scenes) - 1)
 
     def scene(self, number: int, u: Array) -> Scene:
@@ -85,7 +85,7 @@ class Recipe:
         return scene.moved(places) if places else scene
 
     def places(self, number: int, u: Array) -> dict[str, Array]:
-        """Return where the shifted objects of a row's scene are [m], shape (3,) each, as `scene` does."""
+        """Return the positions of the shifted objects in a row's scene [m], shape (3,) each."""
         scene, places = self.scenes[number], {}
         for k, (name, shift) in enumerate(self.shifts.items()):
             if name in scene.objects:
@@ -102,7 +102,7 @@ class Recipe:
         """Return the values of `place_columns` of rows, shape (rows, 3) each.
 
         Args:
-            numbers: Of the rows' scenes, shape (rows,).
+            numbers: Indices of the rows' scenes, shape (rows,).
             u: Random numbers, shape (rows, NUMBERS).
         """
         found = {f"{PLACE}{name}": np.full((len(u), 3), np.nan) for name in self.shifts}
@@ -113,7 +113,7 @@ class Recipe:
         return found
 
     def worlds(self, u: Array) -> Iterator[tuple[np.ndarray, Scene]]:
-        """Yield the rows that are in one world, shape (k,), and that world."""
+        """Yield the indices of the rows in each world, shape (k,), and the world."""
         numbers = self.scene_numbers(u)
         if self.shifts:
             for row, number in enumerate(numbers.tolist()):
@@ -126,11 +126,11 @@ class Recipe:
 
 
 class Goals:
-    """Where hands go, and motions begin.
+    """Goals of hands, and starts of motions.
 
     Args:
-        recipe: Of the job.
-        starts: Whether motions begin somewhere.
+        recipe: Recipe of the job.
+        starts: Whether the rows have a start of a motion.
     """
 
     def __init__(self, recipe: Recipe, *, starts: bool) -> None:
@@ -158,21 +158,21 @@ class Goals:
         self._upper = np.where(full, np.pi, pepper.upper_limits)
 
     def points(self, u: Array) -> Array:
-        """Return where the hand shall go [m], shape (rows, 3)."""
+        """Return the goals of the hand [m], shape (rows, 3)."""
         if self.by == "box":
             return self._box[0] + u[:, _POSITION : _POSITION + 3] * (self._box[1] - self._box[0])
         pepper = self._recipe.pepper
         q = self._lower + u[:, _STARTS : _STARTS + pepper.n] * (self._upper - self._lower)
-        few = max(0, 24 - len(q))  # so few would take another way, which differs in the last bit
+        few = max(0, 24 - len(q))  # smaller batches run other code, which differs in the last bit
         padded = np.concatenate([q, np.repeat(q[-1:], few, axis=0)])
         return np.array(kinematics.frame_pose(pepper, padded, self.frame)[: len(q), :3, 3])
 
     def tasks(self, points: Array) -> list[Task]:
-        """Return the tasks that lead there, for one point [m], shape (3,), or several, (rows, 3)."""
+        """Return the inverse kinematics tasks of one point [m], shape (3,), or several, (rows, 3)."""
         return [HandPosition(self.hand, points), *([LookAt(points)] if self.look else [])]
 
     def start(self, row: int, scene: Scene) -> Array:
-        """Return where a motion begins [rad or m], shape (n,); the last try may be in collision."""
+        """Return the start of a motion [rad or m], shape (n,); after the last try it may be in collision."""
         pepper = self._recipe.pepper
         if self._start != "random":
             return pepper.posture(self._start)

@@ -1,4 +1,4 @@
-"""Shards: files of a few rows each, which are the same whoever computes them."""
+"""Shards: files of a few rows each, the same in every process that computes them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from pepper_kin.exceptions import FileFormatError
 
 DATA = "data"
 _ABOUT, _SUMMARY = b"pepper_kin.shard", b"pepper_kin.summary"
-_KEPT = 8  # jobs whose robots and scenes a process keeps
+_KEPT = 8  # maximum number of jobs whose robots and scenes a process keeps
 
 
 def key_of(job: DatasetJob, shard: int) -> str:
@@ -37,10 +37,10 @@ def name_of(job: DatasetJob, shard: int) -> str:
 
 
 def kind_of(job: DatasetJob) -> kinds.DatasetKind:
-    """Return what computes the rows of a job; kept for the next call.
+    """Return the object that computes the rows of a job, cached.
 
     Raises:
-        PepperKinError: naming the option of the job that the robot, planner or twin cannot take.
+        PepperKinError: naming the option of the job that the robot, planner or twin does not accept.
     """
     return _kind_of(json.dumps(job.as_dict()))
 
@@ -62,7 +62,7 @@ def schema(job: DatasetJob, shard: int) -> pa.Schema:
 
 
 def rows_of(job: DatasetJob, begin: int, end: int) -> Iterator[pa.RecordBatch]:
-    """Compute rows from `begin` to before `end`, a motion each, or all solutions at once."""
+    """Yield rows from `begin` to before `end` as batches of one motion each, or of all solutions."""
     kind = kind_of(job)
     plain = pa.schema([column.field() for column in kind.columns])
     for values in kind.rows(begin, end):
@@ -70,18 +70,18 @@ def rows_of(job: DatasetJob, begin: int, end: int) -> Iterator[pa.RecordBatch]:
 
 
 def run_shard(job: DatasetJob, shard: int) -> pa.Table:
-    """Compute the rows of a shard: a pure function, whose answer is the same in every process.
+    """Compute the rows of a shard: a pure function with the same result in every process.
 
     Args:
         job: The job.
-        shard: Number of the shard, from 0.
+        shard: Index of the shard, from 0.
 
     Returns:
         The rows; `Column.of` describes a field's shape, unit and names.
 
     Raises:
-        InvalidValueError: for a shard that there is not.
-        PepperKinError: naming the option of the job that cannot be taken.
+        InvalidValueError: for a shard out of range.
+        PepperKinError: naming the invalid option of the job.
     """
     batches = list(rows_of(job, *job.bounds(shard)))
     return pa.Table.from_batches(batches).replace_schema_metadata(schema(job, shard).metadata)
@@ -90,11 +90,11 @@ def run_shard(job: DatasetJob, shard: int) -> pa.Table:
 def write_shard(job: DatasetJob, shard: int, store: Store) -> dict[str, Any]:
     """Compute a shard and write it, motion by motion; return its summary.
 
-    The file takes its name when all of it is on the disk: a process that is killed leaves none, and one that
-    comes second puts the same bytes in its place.
+    The file gets its name when all of it is on the disk: a killed process leaves no file, and a second
+    process replaces the file by the same bytes.
 
     Raises:
-        FileFormatError: where it cannot be written.
+        FileFormatError: if it cannot be written.
     """
     kind, found = kind_of(job), schema(job, shard)
     counts: Counter[str] = Counter()
@@ -116,10 +116,10 @@ def write_shard(job: DatasetJob, shard: int, store: Store) -> dict[str, Any]:
 
 
 def summary_of(job: DatasetJob, shard: int, store: Store) -> dict[str, Any]:
-    """Return what the manifest says of a shard that was written: name, rows, size, SHA-256, statuses.
+    """Return the manifest entry of a written shard: name, rows, size, SHA-256, statuses.
 
     Raises:
-        FileFormatError: naming the file, where it is missing, damaged, or of another job.
+        FileFormatError: naming the file, if it is missing, damaged, or belongs to another job.
     """
     name = name_of(job, shard)
     digest, size = store.sha256(name)
@@ -137,10 +137,10 @@ def summary_of(job: DatasetJob, shard: int, store: Store) -> dict[str, Any]:
 
 
 def read_footer(store: Store, name: str) -> tuple[dict[str, Any], dict[str, Any], dict[str, int]]:
-    """Return what a shard's footer says: the shard, the moments of its columns, and its statuses.
+    """Return the content of a shard's footer: the shard, the moments of its columns, and its statuses.
 
     Raises:
-        FileFormatError: naming the file, where it is damaged or no shard.
+        FileFormatError: naming the file, if it is damaged or not a shard.
     """
     with store.open(name) as file:
         try:

@@ -1,4 +1,4 @@
-"""The folder of a data set: on a disk, or anywhere that fsspec writes."""
+"""Folder of a data set, on a disk or on a file system of fsspec."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from typing import Any, BinaryIO
 from pepper_kin.exceptions import FileFormatError, InvalidValueError, MissingDependencyError
 from pepper_kin.file_access.atomic_file import PathName, as_path, make_folder, whole_file
 
-_PIECE = 1 << 20  # bytes read at once
+_PIECE = 1 << 20  # number of bytes that are read at once
 _LOCK = ".lock"
 
 
 class Store:
-    """Files of a data set by their names, whole or not there.
+    """Files of a data set by name; each is written whole or not at all.
 
     Args:
         place: A folder, or an address that fsspec knows, such as "s3://bucket/folder" or "memory://folder".
 
     Raises:
-        MissingDependencyError: for an address where `fsspec`, or what it needs for it, is not installed.
+        MissingDependencyError: for an address if `fsspec`, or its package for the address, is not installed.
         InvalidValueError: for an address that fsspec does not know.
     """
 
@@ -47,15 +47,15 @@ class Store:
 
     @property
     def local(self) -> Path | None:
-        """The folder, if it is on a disk."""
+        """The folder if it is on a disk, else None."""
         return Path(self._root) if self._fs is None else None
 
     def path(self, name: str) -> str:
-        """Return the place of a file, as messages name it."""
+        """Return the path or address of a file, for messages."""
         return posixpath.join(self.place, name)
 
     def names(self, folder: str) -> list[str]:
-        """Return the names of the files in a folder, sorted; none where it is not there."""
+        """Return the names of the files in a folder, sorted; none if it does not exist."""
         with self._named(folder):
             try:
                 if self._fs is None:
@@ -67,7 +67,7 @@ class Store:
             return sorted(found)
 
     def files(self, folder: str) -> list[str]:
-        """Return the files in a folder and those below it, by their names in the store, sorted."""
+        """Return the files in a folder and its subfolders, by their names in the store, sorted."""
         with self._named(folder):
             if self._fs is None:
                 below = Path(self._at(folder)).rglob("*")
@@ -78,15 +78,15 @@ class Store:
             return sorted(posixpath.relpath(path, root) for path in self._fs.find(self._at(folder)))
 
     def exists(self, name: str) -> bool:
-        """Return whether there is such a file."""
+        """Return whether a file exists."""
         return bool(os.path.exists(self._at(name)) if self._fs is None else self._fs.exists(self._at(name)))
 
     @contextlib.contextmanager
     def write(self, name: str) -> Iterator[BinaryIO]:
-        """Open a file for writing; it has its name, with its content on the disk, after the context only.
+        """Open a file for writing; it gets its name, with its content on the disk, when the context ends.
 
         Raises:
-            FileFormatError: naming it and why it cannot be written.
+            FileFormatError: naming the file and the reason if it cannot be written.
         """
         if self._fs is None:
             path = Path(self._at(name))
@@ -123,7 +123,7 @@ class Store:
         """Open a file for reading.
 
         Raises:
-            FileFormatError: where it cannot be.
+            FileFormatError: if it cannot be opened.
         """
         with self._named(name, "read"):
             return open(self._at(name), "rb") if self._fs is None else self._fs.open(self._at(name), "rb")
@@ -132,7 +132,7 @@ class Store:
         """Return the text of a file.
 
         Raises:
-            FileFormatError: where it cannot be read, or is not UTF-8.
+            FileFormatError: if it cannot be read, or is not UTF-8.
         """
         with self.open(name) as file:
             try:
@@ -151,12 +151,12 @@ class Store:
 
     @contextlib.contextmanager
     def locked(self) -> Iterator[None]:
-        """Keep other drivers on this machine away, until the context or the process ends.
+        """Lock the store against other drivers on this machine, until the context or the process ends.
 
-        On an address of fsspec there is no lock: two drivers do the same work twice, and write the same.
+        On an address of fsspec there is no lock: two drivers do the same work twice, and write equal files.
 
         Raises:
-            InvalidValueError: where another process makes this data set.
+            InvalidValueError: if another process makes this data set.
         """
         if self._fs is not None:
             yield
@@ -178,7 +178,7 @@ class Store:
             os.close(handle)
 
     def clean(self, folder: str) -> None:
-        """Remove what killed processes have left half written on a disk."""
+        """Remove partial files of killed processes from a disk."""
         if self._fs is None:
             for name in self.names(folder):
                 if name.startswith(".") and name.endswith(".part"):

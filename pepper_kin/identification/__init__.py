@@ -1,16 +1,16 @@
-"""Robots' logs: the twin held beside them, and fitted to them; motions and estimates of parameters.
+"""Identification: comparison of robots' logs with the twin, fits to logs, and estimates of parameters.
 
-    read_log, RobotLog                        commands and what encoders read
-    replay, Replay, JointComparison           the commands given to the twin, and how far it is from the robot
+    read_log, RobotLog                        commands and encoder readings
+    replay, Replay, JointComparison           replay of commands on the twin, and its deviation from the robot
     compared, report_of                       numbers and table over several replays
-    Stretch, Tolerance, KINDS                 what no actuator explains, with its kind
-    fit_actuators, Fit, without_person        how the joints follow, with intervals over persons
-    excitation_motion, Excitation             a motion that shows inertial parameters, within the limits
-    estimate_stiffness, estimate_inertia, estimate_payload, Estimate   from a recording of it
-    diagnose, Diagnosis, RunFault             faults that a log or a run shows; FAULTS, THRESHOLDS
-    save_replay_picture, check_logs, LogCheck   the picture and the work of `pepper-kin check log`
+    Stretch, Tolerance, KINDS                 deviations that no actuator explains, with their kinds
+    fit_actuators, Fit, without_person        responses of the joints, with intervals over persons
+    excitation_motion, Excitation             a motion that excites inertial parameters, within the limits
+    estimate_stiffness, estimate_inertia, estimate_payload, Estimate   estimates from a recorded motion
+    diagnose, Diagnosis, RunFault             faults in a log or a run; FAULTS, THRESHOLDS
+    save_replay_picture, check_logs, LogCheck   picture and check of `pepper-kin check log`
 
-How joints follow, as measured on a robot, is `pepper_kin.twin.joint_response`.
+The joint responses measured on a robot are `pepper_kin.twin.joint_response`.
 """
 
 from pepper_kin.call_errors import name_options

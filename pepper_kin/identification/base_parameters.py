@@ -1,4 +1,4 @@
-"""Base parameters: the combinations of inertial parameters that torques of joints depend on."""
+"""Base parameters: the combinations of inertial parameters that determine joint torques."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ QUANTITIES = ("m", "mc_x", "mc_y", "mc_z", "I_xx", "I_xy", "I_yy", "I_xz", "I_yz
 UNITS = ("kg", *["kg m"] * 3, *["kg m^2"] * 6)
 
 _STATES = 300
-_RANK = 1e-8  # what is left of a column, beside all of it, if it depends on those before it
+_RANK = 1e-8  # relative remainder of a column below which it depends on the columns before it
 
 
 @dataclass(frozen=True, eq=False)
 class BaseParameters:
-    """A largest set of inertial parameters that torques tell apart, the others being grouped into them.
+    """A maximum set of inertial parameters that torques distinguish; other parameters are grouped into them.
 
     Gautier, Numerical calculation of the base inertial parameters of robots (1991): columns of the regressor
-    at random states that do not depend on those before them, by QR decomposition.
+    at random states that are linearly independent of the columns before them, by QR decomposition.
 
     Attributes:
-        names: `<joint of the body>.<quantity>` and `<joint>.rotor`, r of them.
-        units: Of each.
-        columns: Which columns of `torque_columns` they are, shape (r,).
-        grouping: beta = grouping pi, shape (r, 10 bodies).
+        names: Names of the r parameters, `<joint of the body>.<quantity>` and `<joint>.rotor`.
+        units: Units of the parameters.
+        columns: Indices of their columns in `torque_columns`, shape (r,).
+        grouping: Matrix with beta = grouping pi, shape (r, 10 bodies).
     """
 
     names: tuple[str, ...]
@@ -40,21 +40,21 @@ class BaseParameters:
     grouping: Array
 
     def of(self, pepper: PepperModel) -> Array:
-        """Return the values that a description gives them, shape (r,) [kg, kg m, kg m^2]."""
+        """Return the values of the parameters in a robot's description, shape (r,) [kg, kg m, kg m^2]."""
         return np.asarray(self.grouping @ dynamics.inertial_parameters(pepper))
 
 
 def torque_columns(pepper: PepperModel, moving: list[int], q: Array, v: Array, a: Array) -> Array:
     """Return the regressor of k joints' torques, shape (T, k, 10 bodies + k).
 
-    The columns of the bodies come first, then those of the inertias of the joints' rotors behind their gears.
+    The columns of the bodies come first, then the columns of the joints' rotor inertias behind the gears.
     """
     rows = dynamics.regressor(pepper, q, v, a)[:, moving]
     return np.concatenate([rows, np.eye(len(moving)) * a[:, None, moving]], axis=2)
 
 
 def base_parameters(pepper: PepperModel, joints: tuple[str, ...], rest: Array) -> BaseParameters:
-    """Return the base parameters of joints that move while all others stand."""
+    """Return the base parameters of joints that move while all others are at rest."""
     random = np.random.default_rng(0)
     moving = [pepper.joint_index(joint) for joint in joints]
     low = np.where(np.isfinite(pepper.lower_limits), pepper.lower_limits, -np.pi)

@@ -1,4 +1,4 @@
-"""The work of `pepper-kin check log`."""
+"""Implementation of `pepper-kin check log`."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from pepper_kin.model import PepperModel, load_pepper
 
 @dataclass(frozen=True, eq=False)
 class LogCheck(BriefRepr):
-    """The twin beside a robot, over several logs.
+    """Comparison of the twin with a robot over several logs.
 
     Attributes:
-        replays: One for each log.
+        replays: Replays, one per log.
     """
 
     replays: tuple[Replay, ...]
@@ -53,17 +53,17 @@ def check_logs(
     share: float | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> LogCheck:
-    """Read logs, give their commands to the twin, and hold it beside the robot.
+    """Read logs, replay their commands on the twin, and compare it with the robot.
 
     Args:
-        paths: Files, as `read_log` takes them, with the same joints.
+        paths: Log files for `read_log`, with the same joints.
         pepper: The robot; Pepper if omitted.
-        share: Share of the fastest speed that the commands were given with; see `read_log`.
-        progress: Called with the number of logs done and of all.
+        share: Ratio of the maximum speed given with the commands; see `read_log`.
+        progress: Function that is called with the number of logs done and the number of all logs.
 
     Raises:
         InvalidValueError: for no file, or logs of different joints.
-        FileFormatError: for a file that is no log; see `read_log`.
+        FileFormatError: for a file that is not a log; see `read_log`.
     """
     if not paths:
         raise InvalidValueError("logs", "none", "at least one file")

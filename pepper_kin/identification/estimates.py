@@ -1,4 +1,4 @@
-"""Parameters of a robot from a recording: stiffness of servos, inertial parameters, what a hand carries."""
+"""Estimates of a robot's parameters from a recording: stiffness of servos, inertial parameters, payload."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ class Estimate(FrozenArrays):
     """Parameters estimated from a recording.
 
     Attributes:
-        names: Of the parameters, p of them.
-        units: Of each.
-        values: Shape (p,).
-        intervals: 95 % intervals, shape (p, 2): of what varies within the recording, not of an error that is
-            the same all along, such as a wrong mass of the description that is taken as known.
-        described: What the robot's description says of each, NaN where it says nothing, shape (p,).
-        residual: Joint -> root mean square of the torque that is not explained [N m or N].
+        names: Names of the p parameters.
+        units: Units of the parameters.
+        values: Values of the parameters, shape (p,).
+        intervals: 95 % intervals, shape (p, 2): for errors that vary within the recording, not for constant
+            ones, such as a wrong mass in the description that is assumed known.
+        described: Values in the robot's description, NaN for none, shape (p,).
+        residual: Joint -> root mean square of the unexplained torque [N m or N].
     """
 
     names: tuple[str, ...]
@@ -44,7 +44,7 @@ class Estimate(FrozenArrays):
             object.__setattr__(self, field, kept_read_only(getattr(self, field)))
 
     def index(self, name: str) -> int:
-        """Return the place of a parameter.
+        """Return the index of a parameter.
 
         Raises:
             UnknownNameError: for a name that is not among `names`.
@@ -54,7 +54,7 @@ class Estimate(FrozenArrays):
         return self.names.index(name)
 
     def report(self) -> str:
-        """Return a table: each parameter with its interval, and what the description says."""
+        """Return a table of the parameters with their intervals and the values of the description."""
         lines = [f"{'parameter':<24}{'value':>11}{'95 % interval':>26}{'described':>12}"]
         rows = zip(self.names, self.units, self.values, self.intervals, self.described, strict=True)
         for name, unit, value, (low, high), known in rows:
@@ -66,27 +66,27 @@ class Estimate(FrozenArrays):
 def estimate_stiffness(
     pepper: PepperModel, run: Run, joints: str | Iterable[str] | None = None, *, cutoff: float = CUTOFF
 ) -> Estimate:
-    """Estimate how stiff servos are from what was commanded and measured, without torques.
+    """Estimate the stiffness of servos from commanded and measured positions, without torques.
 
-    The torque that a joint needs by the description is, of a servo without feed-forward,
+    With tau the torque that a joint needs by the description, a servo without feed-forward has the error
 
         q_ref - q = tau / Kp + k_1 dq_ref/dt + k_2 v + k_3 dv/dt + k_4 sign(v) + k_5 sign(v) / v^2, v = dq/dt,
 
-    where k_1 to k_4 stand for damping, friction, the rotor's inertia and a latency (to its first order).
-    Noise of the encoders is on the left side alone and does not shift 1 / Kp.  Their steps do: a servo that
-    reads a position in steps of s is slow after each and fast before the next, so that the mean of what it
-    reads is ahead by s^2 Kp / (12 Kd |v|), by less where its inertia smooths that; k_5 stands for both.  What
-    is left of steps is the same in each recording of a motion: intervals come from long blocks, over which it
-    changes.
+    where k_1 to k_4 model damping, friction, the rotor's inertia and a latency (to first order).
+    Noise of the encoders is on the left side only and does not bias 1 / Kp.  Their steps do: a servo that
+    reads a position in steps of s is slow after each step and fast before the next, so that its mean reading
+    is ahead by s^2 Kp / (12 Kd |v|), or by less where the inertia smooths the motion; k_5 models both cases.
+    The remaining effect of steps is the same in each recording of a motion: intervals come from long blocks,
+    over which it changes.
 
     Args:
-        pepper: The robot, with what its description says of masses.
+        pepper: The robot, with the masses of its description.
         run: A recording: `time`, `position` and `reference_position` are used.
         joints: Joints and groups, see `PepperModel.resolve_joints`; all if omitted.
-        cutoff: Of the low-pass filter, above what the motion holds [Hz].
+        cutoff: Cutoff of the low-pass filter, above the frequencies of the motion [Hz].
 
     Returns:
-        `<joint>.stiffness` [N m/rad or N/m]; an interval ends at inf where a rigid joint fits as well.
+        `<joint>.stiffness` [N m/rad or N/m]; an interval ends at inf if a rigid joint fits as well.
 
     Raises:
         UnknownNameError: for a joint or group that the robot lacks.
@@ -96,7 +96,7 @@ def estimate_stiffness(
     names = pepper.resolve_joints(joints)
     data = recorded_motion(pepper, run, names, cutoff)
     sliding = data.sliding
-    # The servo acts by where the joint is at the end of the step.
+    # The servo's torque depends on the joint's position at the end of the step.
     error = data.filter((run.reference_position - run.position)[1:, data.moving])
     speed = np.gradient(data.filter(run.reference_position[1:, data.moving]), data.step, axis=0)
     state = data.position, data.velocity, data.acceleration
@@ -126,18 +126,18 @@ def estimate_inertia(
 
     tau = Y(q, v, a) beta + J a + d v + c sign(v), with J a rotor's inertia behind its gear, v and a by
     differences of filtered positions, and torques and columns through the same filter (Gautier 1997).
-    `LElbowRoll.mc_x` stands for that parameter of the body behind the joint with all that torques cannot
-    tell from it.
+    `LElbowRoll.mc_x` is the parameter of the body behind the joint, including the parameters that torques
+    cannot distinguish from it.
 
     Args:
-        pepper: The robot; its masses are used for `described` alone.
+        pepper: The robot; its masses are used for `described` only.
         run: A recording: `time`, `position` and `torque` are used.
-        joints: Joints and groups that move; the others stand still.  All if omitted.
-        cutoff: Of the low-pass filter, above what the motion holds [Hz].
+        joints: Joints and groups that move; the others are at rest.  All if omitted.
+        cutoff: Cutoff of the low-pass filter, above the frequencies of the motion [Hz].
 
     Returns:
-        The base parameters, those of rotors among them (`<joint>.rotor`) where torques tell them from the
-        bodies', then `<joint>.viscous` and `<joint>.coulomb`.
+        The base parameters, including rotor inertias (`<joint>.rotor`) that torques distinguish from the
+        bodies' parameters, then `<joint>.viscous` and `<joint>.coulomb`.
 
     Raises:
         UnknownNameError: for a joint or group that the robot lacks.
@@ -159,17 +159,17 @@ def estimate_payload(
     *,
     cutoff: float = CUTOFF,
 ) -> Estimate:
-    """Estimate mass and center of what a frame carries, from recorded torques.
+    """Estimate mass and center of the load of a frame from recorded torques.
 
-    The torques less those that the description says are linear in mass and first moment of the load, with
+    The torques minus the torques of the description are linear in mass and first moment of the load, with
     the inertia of a point near the frame's origin; friction and rotors are estimated with them.
 
     Args:
-        pepper: The robot, with what its description says of masses.
+        pepper: The robot, with the masses of its description.
         run: A recording: `time`, `position` and `torque` are used.
         frame: "left" or "right" for a hand, or the link or frame that carries it.
         joints: Joints and groups whose torques are used; all if omitted.
-        cutoff: Of the low-pass filter, above what the motion holds [Hz].
+        cutoff: Cutoff of the low-pass filter, above the frequencies of the motion [Hz].
 
     Returns:
         `mass` [kg], `x`, `y` and `z` of its center in the frame's axes [m], then friction as in
@@ -195,7 +195,7 @@ def estimate_payload(
     target = data.torque - described[..., 0]
     found = solve(data, np.concatenate([load, data.friction, rotors], axis=2), target, data.sliding)
     mass, moment, k = found.values[0], found.values[1:4], len(names)
-    # Center = moment / mass, and its covariance to the first order.
+    # Center = first moment / mass, with its covariance to first order.
     change = np.eye(len(found.values))
     change[1:4, 0], change[1:4, 1:4] = -moment / mass**2, np.eye(3) / mass
     center = np.concatenate([[mass], moment / mass, found.values[4:]])
@@ -205,9 +205,9 @@ def estimate_payload(
 
 
 def _point_columns(place: Array) -> Array:
-    """Return D with pi = D (m, m d), shape (10, 4), of a mass m at the place d in a frame, for small d.
+    """Return D with pi = D (m, m d), shape (10, 4), for a mass m at the position d in a frame, for small d.
 
-    pi are its `dynamics.inertial_parameters`.
+    pi are the mass's `dynamics.inertial_parameters`.
 
     Args:
         place: Pose of the frame on its body, shape (4, 4).
@@ -224,7 +224,7 @@ def _point_columns(place: Array) -> Array:
 def _with_friction(
     data: RecordedMotion, found: Solution, first: tuple[tuple[str, ...], tuple[str, ...], Array]
 ) -> Estimate:
-    """Return a solution with names, units and described values of what comes before friction."""
+    """Return the estimate of a solution; `first` has names, units and described values before friction."""
     names, units, described = first
     joint_units = [data.pepper.joint_units[j] for j in data.moving]
     force = ["N m" if unit == "rad" else "N" for unit in joint_units]

@@ -1,4 +1,4 @@
-"""Motions that show a robot's inertial parameters: finite Fourier series within the limits."""
+"""Motions that excite a robot's inertial parameters: finite Fourier series within the limits."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ from pepper_kin.trajectory import Certificate, Samples, Trajectory, check
 from pepper_kin.trajectory.limits import LimitedQuantities, MotionLimits
 
 RANGE_SHARE = 0.95
-"""Share of the way from the posture to a position limit that is used."""
+"""Maximum ratio of the distance from the posture to a position limit that is used."""
 
 FACTORS = (1.0, 0.8, 0.6, 0.45, 0.3, 0.2, 0.1)
-"""By which a motion is made smaller until it keeps torque, balance and clearance."""
+"""Factors by which a motion is scaled, in order, until it keeps torque, balance and clearance."""
 
 STEP = 0.3
-"""Standard deviation of a local step, beside coefficients of 1."""
+"""Standard deviation of a local step, relative to coefficients of 1."""
 
-_PER_PERIOD = 20  # samples of the shortest period; quintic pieces between them are off by 1e-8 of it
-_ENDLESS = np.pi  # [rad or m] amplitude of a joint without position limits
+_PER_PERIOD = 20  # samples per shortest period; quintic pieces between them have a relative error of 1e-8
+_ENDLESS = np.pi  # amplitude of a joint without position limits [rad or m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,11 +47,11 @@ class Excitation(BriefRepr):
 
     Attributes:
         trajectory: The motion; it begins and ends at rest in the same posture.
-        joints: That move.
+        joints: Names of the joints that move.
         condition: Condition number of the stacked regressor of the base parameters of bodies and rotors,
-            each joint's torques being over its effort limit.
+            with each joint's torques relative to its effort limit.
         parameters: Names of the base parameters; see `estimate_inertia`.
-        certificate: What `trajectory.check` finds.
+        certificate: Result of `trajectory.check`.
     """
 
     trajectory: Trajectory
@@ -75,7 +75,7 @@ def excitation_motion(
     scene: Scene | None = None,
     collisions: bool = True,
 ) -> Excitation:
-    """Return a motion from whose torques the inertial parameters of a robot are best estimated.
+    """Return a motion whose torques are best suited to estimate the inertial parameters of a robot.
 
     Each joint moves by a finite Fourier series about a posture (Swevers et al., IEEE Trans. Robotics and
     Automation 13(5), 1997),
@@ -83,23 +83,23 @@ def excitation_motion(
         q(t) = q_0 + sum_l a_l / (w l) sin(w l t) - b_l / (w l) cos(w l t),  w = 2 pi / duration,
 
     with sum a_l = sum b_l / l = sum b_l l = 0: it begins and ends in the posture, at rest and without
-    acceleration.  The first half of the coefficients is drawn at random, the others around the best ones;
-    each draw is made as large as position, velocity, acceleration, torque, balance and clearance allow.  The
-    smallest condition number of the regressor wins.
+    acceleration.  The first half of the draws has random coefficients, the others are near the best so far;
+    each draw is scaled as far as position, velocity, acceleration, torque, balance and clearance allow.  The
+    motion with the minimum condition number of the regressor is returned.
 
     Args:
         pepper: The robot.
         joints: Joints and groups that move, see `PepperModel.resolve_joints`; all if omitted.
-        duration: Of the motion, one period [s].
+        duration: Duration of the motion, one period [s].
         harmonics: Number of terms, at least 3.
         posture: Name or positions [rad or m], shape (n,); the middle of all ranges, where Pepper's
             arms point ahead, if omitted.
-        draws: How many motions are tried.
-        seed: Of the draws: the same one gives the same motion.
-        limit_share: Share of the limits of velocity, acceleration and torque that is used, in (0, 1].
+        draws: Number of motions that are tried.
+        seed: Seed of the draws: the same seed gives the same motion.
+        limit_share: Ratio of the limits of velocity, acceleration and torque that is used, in (0, 1].
         clearance: Distance that bodies keep from each other and the scene at the samples of the search [m].
-        scene: What is around the robot; None for nothing.  The mass of attached objects counts.
-        collisions: Whether collisions are looked at.
+        scene: The world around the robot; None for none.  The mass of attached objects counts.
+        collisions: Whether collisions are checked.
 
     Returns:
         The motion with its condition number and certificate.
@@ -108,7 +108,7 @@ def excitation_motion(
         UnknownNameError: for a joint, group or posture that the robot lacks.
         InvalidValueError: naming the argument that is out of range.
         LimitError: for a posture outside the limits.
-        InfeasibleError: where the limits, or what is around the robot, leave no motion, naming the joint.
+        InfeasibleError: if the limits, or the world around the robot, leave no motion, naming the joint.
     """
     names = pepper.resolve_joints(joints)
     check_positive("duration", duration, "s")
@@ -166,7 +166,7 @@ def _curves(duration: float, harmonics: int) -> tuple[Array, Array]:
     odd = np.stack([sine / rate, cosine, -rate * sine]) @ _null_space(np.ones((1, harmonics)))
     even = np.stack([-cosine / rate, sine, rate * cosine]) @ _null_space(np.stack([1.0 / order, order]))
     curves = np.concatenate([odd, even], axis=2)
-    curves[:, [0, -1]] = 0.0  # which they are, to rounding
+    curves[:, [0, -1]] = 0.0  # zero except for rounding
     return time, curves
 
 
@@ -175,17 +175,17 @@ def _null_space(rows: Array) -> Array:
 
 
 class _ExcitationProblem(NamedTuple):
-    """What a motion must keep, and what it is for.
+    """Limits of a motion, and the parameters that it should excite.
 
     Attributes:
         pepper: The robot.
         moving: Indices of the joints that move, k of them.
         rest: The posture, shape (n,).
         base: The base parameters.
-        curves: Position, velocity and acceleration of what series are made of, shape (3, T, c).
-        rates: Greatest velocity and acceleration, shape (n,) each.
-        quantities: What else is limited.
-        checker: Finds bodies that are too near; None to leave collisions out.
+        curves: Position, velocity and acceleration of the c basis series, shape (3, T, c).
+        rates: Maximum velocity and acceleration, shape (n,) each.
+        quantities: Other limited quantities, such as torque and balance.
+        checker: Checker that finds bodies that are too near; None to ignore collisions.
     """
 
     pepper: PepperModel
@@ -198,14 +198,14 @@ class _ExcitationProblem(NamedTuple):
     checker: FastChecker | None
 
     def room(self) -> tuple[Array, Array]:
-        """Return how far joints may move down and up from the posture, shape (k,) each."""
+        """Return the maximum displacements of joints down and up from the posture, shape (k,) each."""
         robot, q = self.pepper, self.rest[self.moving]
         down = RANGE_SHARE * (q - robot.lower_limits[self.moving])
         up = RANGE_SHARE * (robot.upper_limits[self.moving] - q)
         return np.where(np.isfinite(down), down, _ENDLESS), np.where(np.isfinite(up), up, _ENDLESS)
 
     def largest(self, coefficients: Array) -> Array:
-        """Return coefficients, shape (c, k), each joint's scaled to the limits that are its own."""
+        """Return coefficients, shape (c, k), each joint's scaled to its own position and rate limits."""
         q, v, a = self.curves @ coefficients
         down, up = self.room()
         uses = [q.max(axis=0) / up, -q.min(axis=0) / down]
@@ -221,7 +221,7 @@ class _ExcitationProblem(NamedTuple):
         return state[0], state[1], state[2]
 
     def broken(self, state: tuple[Array, Array, Array]) -> str:
-        """Return in words what a motion breaks; empty for nothing."""
+        """Return a text that names the limit a motion violates; empty for none."""
         effects = self.quantities.of(*state)
         over = (np.abs(effects.torque) > self.quantities.torque_limit).any(axis=0)
         if over.any():
@@ -243,7 +243,7 @@ class _ExcitationProblem(NamedTuple):
         """Refuse joints that cannot move, and a posture that cannot be held.
 
         Raises:
-            InfeasibleError: naming the joint, or what is in the way.
+            InfeasibleError: naming the joint, or the obstacle.
         """
         down, up = self.room()
         for k, name in enumerate(names):
@@ -275,7 +275,7 @@ def _search(problem: _ExcitationProblem, draws: int, random: np.random.Generator
     """Return the best coefficients and the factor on them.
 
     Raises:
-        InfeasibleError: where no draw keeps all limits, saying what the last one breaks.
+        InfeasibleError: if no draw keeps all limits, naming the limit that the last draw violates.
     """
     shape = (problem.curves.shape[2], len(problem.moving))
     best: tuple[float, NDArray[np.float64], float] | None = None

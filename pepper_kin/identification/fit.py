@@ -1,4 +1,4 @@
-"""A model of how a robot's joints follow `setAngles`, fitted to its logs."""
+"""Fit of the joints' response to `setAngles` to logs of a robot."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from pepper_kin.model import PepperModel
 from pepper_kin.twin.joint_response import RESPONSE_QUANTITIES, JointResponse, joint_response
 
 START = {"speed_share": 0.95, "latency": 0.04, "lag": 0.09, "backlash": 0.002, "compliance": 0.0}
-"""Where the search begins."""
+"""Initial values of the search."""
 
 STEPS = {"speed_share": 0.01, "latency": 0.004, "lag": 0.004, "backlash": 5e-4, "compliance": 1e-4}
 """Steps of the central differences."""
@@ -41,17 +41,17 @@ RANGES = {
     "backlash": (0.0, 0.05),
     "compliance": (0.0, 0.02),
 }
-"""Where the search stays."""
+"""Ranges of the search."""
 
 SHARES = np.arange(0.6, 1.4, 0.02)
-"""Shares of the speed among which a search begins: the error has several minima over it."""
+"""Speed ratios from which a search starts with the best: the error has several minima over the ratio."""
 
 DROOP = 0.006
-"""Gravity must move a joint by more than this [rad]: less cannot be separated from backlash."""
+"""Minimum displacement of a joint by gravity [rad]: a smaller one cannot be separated from backlash."""
 
 KEPT_OFF, AROUND = 0.004, 0.6
-"""Readings are left out while the protection moves a joint of the arm by more than this [rad], and for so
-long before and after [s]."""
+"""Displacement of an arm joint by the protection above which readings are ignored [rad], and time before and
+after in which they are ignored, too [s]."""
 
 ROUNDS = 3
 RESAMPLES = 2000
@@ -61,15 +61,15 @@ _SMALL = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class Fit(BriefRepr):
-    """Responses of joints that were fitted to logs.
+    """Responses of joints, fitted to logs.
 
     Attributes:
-        response: Of the joints of the logs, with 95 % intervals over persons; NaN with fewer than three of
-            them, and of what is not fitted.
-        without: Person -> the response fitted without that person's logs.
+        response: Response of the joints of the logs, with 95 % intervals over persons; NaN with fewer than
+            three persons, and for quantities that are not fitted.
+        without: Person -> response fitted without that person's logs.
         round_trips: Log -> time of a call to the robot and back [s].
-        persons: Whose logs they were.
-        readings: How many readings of each joint counted, shape (n,).
+        persons: Persons of the logs.
+        readings: Number of readings of each joint that counted, shape (n,).
     """
 
     response: JointResponse
@@ -92,14 +92,14 @@ class Fit(BriefRepr):
 
 
 class _Data(NamedTuple):
-    """One joint's readings in one log.
+    """Readings of one joint in one log.
 
     Attributes:
         log: The log.
-        times: When they were made [s], shape (T,).
-        measured: [rad], shape (T,).
-        torque: That holds the joint against gravity [N m], shape (T,).
-        use: Which count, shape (T,).
+        times: Times of the readings [s], shape (T,).
+        measured: Measured angles [rad], shape (T,).
+        torque: Torques that hold the joint against gravity [N m], shape (T,).
+        use: Which readings count, shape (T,).
     """
 
     log: RobotLog
@@ -117,27 +117,27 @@ def fit_actuators(
     start: JointResponse | None = None,
     seed: int = 0,
 ) -> Fit:
-    """Fit how joints follow `setAngles` to logs.
+    """Fit the response of joints to `setAngles` to logs.
 
-    For each joint the sum of log(1 + (e / 20 mrad)^2) is least, e the twin's angle minus the robot's: what
-    no actuator explains hardly counts (Cauchy's distribution), and arms that are kept off the body do not.
-    Gauss-Newton steps with those weights; one latency for all joints, and each log's round trip, in turns
-    with them.  Intervals: persons are drawn with replacement, and each draw takes one Gauss-Newton step
-    from the common fit (Andrews, Econometrica 70, 2002); at least 1.96 standard deviations by the jackknife
-    over persons. A compliance whose interval holds 0 or the end of its range, or by which gravity moves the
-    joint by less than 6 mrad from the 5th to the 95th percentile of its torques, is not determined: it is
-    taken as 0.
+    For each joint the sum of log(1 + (e / 20 mrad)^2) is minimized, e the twin's angle minus the robot's:
+    deviations that no actuator explains hardly count (Cauchy distribution), and arms that are kept off the
+    body do not.  The method is Gauss-Newton with these weights; the common latency of all joints and each
+    log's round trip are fitted in turns with the joints.  Intervals: persons are drawn with replacement, and
+    each draw takes one Gauss-Newton step from the common fit (Andrews, Econometrica 70, 2002); they have at
+    least 1.96 standard deviations by the jackknife over persons.  A compliance is undetermined, and set to 0,
+    if its interval contains 0 or the end of its range, or if by it gravity moves the joint by less than
+    6 mrad from the 5th to the 95th percentile of the joint's torques.
 
     Args:
         pepper: The robot.
-        logs: With the same joints; intervals need those of three persons.
-        free: Which of `RESPONSE_QUANTITIES` are fitted.
-        start: Where the search begins, and the values of what is not free.
-        seed: Of the draws.
+        logs: Logs of the same joints; intervals need logs of three persons.
+        free: Names in `RESPONSE_QUANTITIES` that are fitted.
+        start: Initial values of the search, and values of quantities that are not free.
+        seed: Seed of the draws.
 
     Raises:
-        InvalidValueError: for no log, or logs of other joints.
-        UnknownNameError: for a quantity or joint that is not known.
+        InvalidValueError: for no log, or logs of different joints.
+        UnknownNameError: for an unknown quantity or joint.
     """
     chosen = tuple(free)
     for quantity in chosen:
@@ -167,13 +167,13 @@ def fit_actuators(
 
 
 class _FitProblem(NamedTuple):
-    """What is fitted to what.
+    """Logs and free quantities of a fit.
 
     Attributes:
         pepper: The robot.
-        logs: Its logs.
+        logs: Logs of the robot.
         free: Joint -> quantities that are fitted.
-        trips: Identity of a log -> its round trip [s].
+        trips: Identity of a log -> round trip [s].
         use: Identity of a log -> which readings count, shape (T, n).
     """
 
@@ -187,7 +187,7 @@ class _FitProblem(NamedTuple):
 def _solved(
     problem: _FitProblem, response: JointResponse, rounds: int
 ) -> tuple[JointResponse, _FitProblem, dict[str, JointResponse]]:
-    """Return the best response, the problem with its round trips, and the best one without each person."""
+    """Return the best response, the problem with its round trips, and the best without each person."""
     response, problem = _in_turns(problem, response, rounds)
     persons = sorted({log.person for log in problem.logs})
     without = {}
@@ -209,11 +209,11 @@ def _in_turns(
 
 
 def _mirrored(problem: _FitProblem, response: JointResponse) -> tuple[JointResponse, _FitProblem]:
-    """Shift round trips so that left and right joints lag alike.
+    """Shift round trips so that left and right joints have the same mean lag.
 
-    Readings that are d later by round trip, and lags that are longer by d x `reading_order`, look the same.
-    They differ in that joints of the left and the right arm are built alike but are read one after
-    the other: d is such that their lags are the same in the mean.
+    Readings that are later by d per round trip cannot be told from lags that are longer by d x
+    `reading_order`.  But the joints of the left and the right arm are of equal design and are read one after
+    the other: d makes their mean lags equal.
     """
     order = problem.logs[0].reading_order
     pairs = [
@@ -251,6 +251,7 @@ def _determined(
 
 
 def _checked(pepper: PepperModel, logs: Sequence[RobotLog]) -> tuple[str, ...]:
+    """Return the joints of logs; refuse no log, different joints, or joints that the robot lacks."""
     if not logs:
         raise InvalidValueError("logs", "none", "at least one")
     joints = logs[0].joint_names
@@ -263,6 +264,7 @@ def _checked(pepper: PepperModel, logs: Sequence[RobotLog]) -> tuple[str, ...]:
 
 
 def _start(joints: tuple[str, ...], start: JointResponse | None) -> JointResponse:
+    """Return the initial response of joints: `START`, or values of a given response."""
     if start is None:
         values = {quantity: np.full(len(joints), START[quantity]) for quantity in RESPONSE_QUANTITIES}
     else:
@@ -274,7 +276,7 @@ def _start(joints: tuple[str, ...], start: JointResponse | None) -> JointRespons
 def used_readings(
     pepper: PepperModel, logs: Sequence[RobotLog], response: JointResponse
 ) -> dict[int, NDArray[np.bool_]]:
-    """Return which readings of each log count: not those of arms that are kept off the body."""
+    """Return which readings of each log count: all but readings of arms that are kept off the body."""
     used, around = {}, np.ones(2 * round(AROUND / CYCLE) + 1)
     for log in logs:
         use = log.arrived() & (log.time >= log.time[0] + SETTLE)[:, None]
@@ -322,7 +324,7 @@ def _fitted(problem: _FitProblem, response: JointResponse) -> JointResponse:
 
 
 def _fit_latency(pepper: PepperModel, data: list[list[_Data]], response: JointResponse) -> JointResponse:
-    """Return the response with the best latency that all joints have in common: Gauss-Newton steps."""
+    """Return the response with the best common latency of all joints, by Gauss-Newton steps."""
     for _ in range(3):
         slope = force = 0.0
         for joint, readings in zip(response.joint_names, data, strict=True):
@@ -336,7 +338,7 @@ def _fit_latency(pepper: PepperModel, data: list[list[_Data]], response: JointRe
 def _fit_joint(
     pepper: PepperModel, data: list[_Data], response: JointResponse, free: tuple[str, ...], joint: str
 ) -> JointResponse:
-    """Return the response with the best values of one joint: damped Gauss-Newton steps."""
+    """Return the response with the best values of one joint, by damped Gauss-Newton steps."""
     if not free:
         return response
     if "speed_share" in free:
@@ -362,13 +364,14 @@ def _fit_joint(
 
 
 def _best_share(pepper: PepperModel, data: list[_Data], response: JointResponse, joint: str) -> JointResponse:
-    """Return the response with the best of `SHARES`, or its own share where that is better."""
+    """Return the response with the best speed ratio of `SHARES`, or its own ratio if that is better."""
     tried = [response, *(response.changed(speed_share={joint: float(share)}) for share in SHARES)]
     costs = [_cost(np.concatenate(_errors(pepper, data, one, joint))) for one in tried]
     return tried[int(np.argmin(costs))]
 
 
 def _moved(response: JointResponse, free: tuple[str, ...], joint: str, move: Array) -> JointResponse:
+    """Return a response with a step added to the free quantities of a joint, within `RANGES`."""
     j = response.index(joint)
     values = {
         quantity: {joint: float(np.clip(getattr(response, quantity)[j] + step, *RANGES[quantity]))}
@@ -382,7 +385,7 @@ def _cost(error: Array) -> float:
 
 
 def _errors(pepper: PepperModel, data: list[_Data], response: JointResponse, joint: str) -> list[Array]:
-    """Return twin minus robot of the readings that count [rad], an array for each log."""
+    """Return twin minus robot for the readings that count [rad], one array per log."""
     compliance = response.compliance[response.index(joint)]
     return [
         (
@@ -397,7 +400,7 @@ def _errors(pepper: PepperModel, data: list[_Data], response: JointResponse, joi
 def _normal_equations(
     pepper: PepperModel, data: list[_Data], response: JointResponse, free: tuple[str, ...], joint: str
 ) -> tuple[Array, Array]:
-    """Return J^T W J and J^T W e of each log, shapes (logs, k, k) and (logs, k), W the weights of Cauchy."""
+    """Return J^T W J and J^T W e of each log, shapes (logs, k, k) and (logs, k), W the Cauchy weights."""
     errors = _errors(pepper, data, response, joint)
     columns = []
     j = response.index(joint)
@@ -419,7 +422,7 @@ def _normal_equations(
 def _with_intervals(
     problem: _FitProblem, response: JointResponse, without: dict[str, JointResponse], seed: int
 ) -> JointResponse:
-    """Return a response with its intervals, from draws of persons and from the fits without each of them."""
+    """Return a response with its intervals, from draws of persons and from the fits without each person."""
     persons = sorted(without)
     if not persons:
         return response
@@ -432,7 +435,7 @@ def _with_intervals(
     for joint, readings in zip(response.joint_names, _data(problem, response), strict=True):
         free = problem.free[joint]
         equations.append((free, *_normal_equations(problem.pepper, readings, response, free, joint)))
-    shared = np.zeros((2, len(problem.logs)))  # slopes and forces of the latency that joints have in common
+    shared = np.zeros((2, len(problem.logs)))  # J^T W J and J^T W e of the common latency
     for free, slopes, force in equations:
         if "latency" in free:
             place = free.index("latency")
@@ -446,7 +449,7 @@ def _with_intervals(
             moves[:, free.index("latency")] = _moves(weights, shared[0][:, None, None], shared[1][:, None])[
                 :, 0
             ]
-        moves *= np.sqrt(len(persons) / (len(persons) - 1.0))  # few persons spread less than all of them
+        moves *= np.sqrt(len(persons) / (len(persons) - 1.0))  # corrects the smaller spread of few persons
         for k, quantity in enumerate(free):
             value = getattr(response, quantity)[j]
             low, high = value + np.percentile(moves[:, k], [2.5, 97.5])
@@ -461,7 +464,7 @@ def _moves(weights: Array, slopes: Array, force: Array) -> Array:
     """Return one Gauss-Newton step for each draw, shape (draws, k).
 
     Args:
-        weights: How often each log was drawn, shape (draws, logs).
+        weights: Number of times that each log was drawn, shape (draws, logs).
         slopes: J^T W J, shape (logs, k, k).
         force: J^T W e, shape (logs, k).
     """
@@ -474,7 +477,7 @@ def without_person(pepper: PepperModel, fit: Fit, person: str) -> JointResponse:
     """Return a response of all joints of a robot, fitted without the logs of a person.
 
     Args:
-        pepper: The robot; its joints that the logs lack follow as in `joint_response`.
+        pepper: The robot; joints that the logs lack have the response of `joint_response`.
         fit: The fit.
         person: One of `fit.persons`.
 

@@ -1,4 +1,4 @@
-"""Robots' logs from files."""
+"""Reading of robots' logs from files."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from pepper_kin.identification.robot_log import RobotLog
 from pepper_kin.plugins import plugins
 
 COMMANDS_FROM = 2.0
-"""Time of a table before which its program sent no commands, its filters settling [s]."""
+"""Warm-up time of a table without commands, in which the filters of its program settled [s]."""
 
 CALLS_BEFORE = 2.5
-"""Round trips from the time of a row to the first reading: two calls, and the way of the answer."""
+"""Number of round trips from the time of a row to the first reading: two calls, and the answer's half."""
 
 LARGEST = 250_000_000
-"""Size that a compressed table may have when it is unpacked [bytes]."""
+"""Maximum unpacked size of a compressed table [bytes]."""
 
 _PAIRS = (("_command", "_measured"), (".reference", ".position"))
 _MOST = 2.0 * np.pi
-"""Largest angle that is believed to be in radians: no joint of Pepper turns by half of it [rad]."""
+"""Maximum angle that counts as radians: no joint of Pepper turns by half of it [rad]."""
 _STEPS = (1e-4, 10.0)
-"""Least and greatest median time between rows that is believed to be in seconds [s]."""
+"""Minimum and maximum median time between rows that counts as seconds [s]."""
 
 
 def read_log(
@@ -46,18 +46,18 @@ def read_log(
 
     A table (.csv, .csv.xz) has a first line that names its columns: `time` [s] first, then for each joint
     `<joint>_command` and `<joint>_measured` [rad].  A row's command is sent at its time, and the joints are
-    read after it, one after the other in the order of the columns, as a program outside the robot does.
+    read after it, one after the other in the order of the columns, by a program outside the robot.
     A table of a run of the twin (`Run.save`) has `<joint>.reference` and `<joint>.position`, which
     belong to the row's time.  An .mcap file has `sensor_msgs/msg/JointState` on two topics.
 
     Args:
         path: The file.
-        share: Share of the fastest speed that the commands were given with; 0.15 for a table of commands,
-            else 1, if omitted.
-        person: Whose session it is; `X` of a name `person_X_...`, else the name, if omitted.
-        commands_from: Commands of a table that are older were not sent [s].
-        topic: Of what was measured, in an .mcap file.
-        command_topic: Of what was commanded.
+        share: Ratio of the maximum speed given with the commands; if omitted, 0.15 for a table of commands,
+            else 1.
+        person: Person of the session; if omitted, `X` of a name `person_X_...`, else the name.
+        commands_from: Time before which commands of a table were not sent [s].
+        topic: Topic of the measured angles in an .mcap file.
+        command_topic: Topic of the commanded angles in an .mcap file.
 
     Raises:
         FileFormatError: naming file, column and row, for a joint without one of its columns, NaN, times that
@@ -80,6 +80,7 @@ def read_log(
 
 
 def _from_table(path: Path, name: str, person: str, share: float | None, commands_from: float) -> RobotLog:
+    """Return the log of a table of commands, or of a run of the twin."""
     names, rows = _lines(path)
     command_end, measured_end = _PAIRS[0]
     if not any(column.endswith(command_end) or column.endswith(measured_end) for column in names):
@@ -120,7 +121,7 @@ def _from_table(path: Path, name: str, person: str, share: float | None, command
 
 
 def _lines(path: Path) -> tuple[list[str], list[str]]:
-    """Return the names of the columns, and the lines of numbers."""
+    """Return the column names and the lines of numbers of a table."""
     content = read_bytes(path)
     try:
         text = (_unpacked(path, content) if path.suffix.lower() == ".xz" else content).decode("utf-8-sig")
@@ -137,7 +138,7 @@ def _lines(path: Path) -> tuple[list[str], list[str]]:
 
 
 def _unpacked(path: Path, content: bytes) -> bytes:
-    """Return what an xz file holds."""
+    """Return the unpacked content of an xz file."""
     unpacker = lzma.LZMADecompressor()
     try:
         text = unpacker.decompress(content, max_length=LARGEST + 1)
@@ -151,6 +152,7 @@ def _unpacked(path: Path, content: bytes) -> bytes:
 
 
 def _refuse_degrees(path: Path, column: str, values: Array) -> None:
+    """Refuse a column with a value too large for radians, naming its row."""
     wrong = np.flatnonzero(np.abs(values) > _MOST)
     if wrong.size:
         row = int(wrong[0])
@@ -159,6 +161,7 @@ def _refuse_degrees(path: Path, column: str, values: Array) -> None:
 
 
 def _refuse_other_units(path: Path, time: Array) -> None:
+    """Refuse times whose median step is not plausible in seconds."""
     step = float(np.median(np.diff(time)))
     if not _STEPS[0] <= step <= _STEPS[1]:
         reason = (
@@ -175,7 +178,7 @@ def _from_states(
     share: float | None,
     source: tuple[list[StateMessage], str, str],
 ) -> RobotLog:
-    """Return the log in messages; `source` is these, the topic measured and the topic commanded."""
+    """Return a log from messages; `source` is (messages, measured topic, command topic)."""
     states, topic, command_topic = source
     topics = sorted({state.topic for state in states})
     for wanted in (topic, command_topic):

@@ -1,4 +1,4 @@
-"""A picture of the twin beside a robot."""
+"""Picture of the twin in comparison with a robot."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ from pepper_kin.file_access.picture import new_figure, write_figure
 from pepper_kin.identification.replay import Replay
 
 SHOWN = 40.0
-"""Longest time that is drawn [s]."""
+"""Maximum time that is drawn [s]."""
 
 
 def save_replay_picture(
     replays: Sequence[Replay], path: PathName, *, joints: Sequence[str] | None = None
 ) -> Path:
-    """Draw command, robot and twin over the liveliest time of the first log, and the errors of all logs.
+    """Draw command, robot and twin over the period of most motion in the first log, and errors of all logs.
 
     Stretches that no actuator explains are shaded.
 
     Args:
-        replays: Of logs with the same joints.
+        replays: Replays of logs with the same joints.
         path: PNG file; its folder must exist.
-        joints: Which to draw over time; all if omitted.
+        joints: Names of the joints to draw over time; all if omitted.
 
     Returns:
         The path.
 
     Raises:
         InvalidValueError: for no replay.
-        MissingDependencyError: where matplotlib is not installed.
-        FileFormatError: where the file cannot be written.
+        MissingDependencyError: if matplotlib is not installed.
+        FileFormatError: if the file cannot be written.
     """
     if not replays:
         raise InvalidValueError("replays", "none", "at least one")
@@ -68,7 +68,7 @@ def _draw_joint(plot, one: Replay, joint: str, first: bool) -> None:  # type: ig
 
 
 def _liveliest(one: Replay) -> float:
-    """Return the begin of the time in which the commands move most [s]."""
+    """Return the start of the period in which the commands move most [s]."""
     log = one.log
     if log.duration <= SHOWN:
         return float(log.time[0])
@@ -79,7 +79,7 @@ def _liveliest(one: Replay) -> float:
 
 
 def _draw_errors(plot, replays: Sequence[Replay]) -> None:  # type: ignore[no-untyped-def]
-    """Draw how often |twin - robot| is beyond a size, by joint."""
+    """Draw the fraction of readings with |twin - robot| above a size, by joint."""
     for joint in replays[0].log.joint_names:
         errors = [
             np.abs(one.error[:, one.log.index(joint)])[(one.judged & ~one.named)[:, one.log.index(joint)]]

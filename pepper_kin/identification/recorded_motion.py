@@ -1,4 +1,4 @@
-"""A recording made ready for least squares: filtered motion and torques, and their solution."""
+"""Preparation of a recording for least squares: filtered motion and torques, and the solution."""
 
 from __future__ import annotations
 
@@ -18,16 +18,15 @@ from pepper_kin.twin.run import Run
 ndimage, signal, stats = (lazy_module(f"scipy.{name}") for name in ("ndimage", "signal", "stats"))
 
 CUTOFF = 8.0
-"""Of the low-pass filter of positions, torques and regressors [Hz]."""
-
-_ORDER = 4  # of the filter, which goes forth and back
-_EDGE = 1.0  # x 1 / cutoff: time that is left out at either end, where the filter settles
-_PER_BLOCK = 1.0  # length of a block of residuals x cutoff, twice the time over which they go together
-_LONG = 4.0  # x the length of a block, of blocks over which an encoder's steps go together too
-_AROUND = 0.8  # x 1 / cutoff: time before and after a reversal in which friction is not what columns say
-_SLOW = 0.05  # of the greatest speed of a joint, below which its direction is uncertain
+"""Cutoff of the low-pass filter of positions, torques and regressors [Hz]."""
+_ORDER = 4  # order of the filter, which is applied forward and backward
+_EDGE = 1.0  # time that is omitted at either end, where the filter settles, in units of 1 / cutoff
+_PER_BLOCK = 1.0  # length of a block of residuals x cutoff, twice their correlation time
+_LONG = 4.0  # ratio of long blocks, over which also encoder steps are uncorrelated, to usual blocks
+_AROUND = 0.8  # time before and after a reversal in which friction columns are wrong, in units of 1 / cutoff
+_SLOW = 0.05  # ratio of a joint's maximum speed below which its direction is uncertain
 _HUBER, _ROUNDS = 2.0, 6
-_STATES = 512  # whose regressor is in memory at a time
+_STATES = 512  # maximum number of states whose regressor is in memory at a time
 
 
 class RecordedMotion(NamedTuple):
@@ -35,14 +34,14 @@ class RecordedMotion(NamedTuple):
 
     Attributes:
         pepper: The robot.
-        names: The joints.
-        moving: Their indices.
+        names: Names of the k joints.
+        moving: Indices of the joints.
         step: Time between states [s].
-        cutoff: Of the filter [Hz].
-        position: [rad or m], shape (T, n).
-        velocity: [rad/s or m/s], shape (T, n).
-        acceleration: [rad/s^2 or m/s^2], shape (T, n).
-        torque: Of the joints, filtered, shape (T, k).
+        cutoff: Cutoff of the filter [Hz].
+        position: Positions [rad or m], shape (T, n).
+        velocity: Velocities [rad/s or m/s], shape (T, n).
+        acceleration: Accelerations [rad/s^2 or m/s^2], shape (T, n).
+        torque: Filtered torques of the joints [N m or N], shape (T, k).
     """
 
     pepper: PepperModel
@@ -56,13 +55,13 @@ class RecordedMotion(NamedTuple):
     torque: Array
 
     def filter(self, values: Array) -> Array:
-        """Return values over time through the filter, shape (T, ...)."""
+        """Return filtered values over time, shape (T, ...)."""
         return _low_pass(values, self.step, self.cutoff)
 
     def regressor(self, of: Array) -> Array:
         """Return `torque_columns` times a matrix, shape (10 bodies + k, p), filtered, shape (T, k, p)."""
         found = np.empty((len(self.position), len(self.moving), of.shape[1]))
-        for begin in range(0, len(found), _STATES):  # all columns of all states can be gigabytes
+        for begin in range(0, len(found), _STATES):  # the whole regressor may need gigabytes
             part = slice(begin, begin + _STATES)
             state = self.position[part], self.velocity[part], self.acceleration[part]
             found[part] = torque_columns(self.pepper, self.moving, *state) @ of
@@ -78,18 +77,18 @@ class RecordedMotion(NamedTuple):
 
     @property
     def slowest(self) -> Array:
-        """Speed of each joint from which on it surely moves one way, shape (k,)."""
+        """Minimum speed of each joint at which its direction is certain, shape (k,)."""
         return np.asarray(_SLOW * np.abs(self.velocity[:, self.moving]).max(axis=0))
 
     @property
     def sliding(self) -> NDArray[np.bool_]:
-        """When each joint surely moves one way, away from reversals, shape (T, k).
+        """Mask of the times at which each joint's direction is certain, away from reversals, shape (T, k).
 
-        Where a joint turns around it sticks for a while, and the filter spreads this over its width: the
+        At a reversal a joint sticks for a while, and the filter spreads the effect over its width: the
         columns of Coulomb friction are wrong there.
 
         Raises:
-            InvalidValueError: for a joint that never does so for as long as that.
+            InvalidValueError: for a joint whose direction is never certain for that long.
         """
         speed = self.velocity[:, self.moving]
         slow = np.abs(speed) < self.slowest
@@ -106,8 +105,7 @@ class RecordedMotion(NamedTuple):
 def recorded_motion(pepper: PepperModel, run: Run, names: tuple[str, ...], cutoff: float) -> RecordedMotion:
     """Return a recording, filtered.
 
-    The torque of a run acts during the step that ends at its time, so states are taken in the middle of the
-    steps.
+    The torque of a run acts during the step that ends at its time, so states are at the middle of steps.
 
     Raises:
         InvalidValueError: for other joints, uneven times, too few of them, joints that do not move, or a
@@ -144,10 +142,10 @@ class Solution(NamedTuple):
     """Parameters by least squares.
 
     Attributes:
-        values: Shape (p,).
-        covariance: Of their errors, shape (p, p).
+        values: Values of the parameters, shape (p,).
+        covariance: Covariance of their errors, shape (p, p).
         quantile: Half the width of a 95 % interval over the standard deviation.
-        residual: Root mean square of what is left, for each column of the targets, shape (k,).
+        residual: Root mean square residual of each column of the targets, shape (k,).
     """
 
     values: Array
@@ -172,22 +170,22 @@ def solve(
 ) -> Solution:
     """Return x of columns x = target by weighted least squares, robust against outliers (Huber).
 
-    Rows of a joint are over the spread of its residuals.  Residuals follow one another in time, so their
-    covariance is that of sums over blocks (Liang and Zeger, Biometrika 73, 1986), with H = sum_b H_b and s_b
-    the sum of block b,
+    Rows of a joint are divided by the spread of its residuals.  Residuals are correlated in time, so their
+    covariance is computed from sums over blocks (Liang and Zeger, Biometrika 73, 1986), with H = sum_b H_b
+    and s_b the sum of block b,
 
         C = H^-1 sum_b s_b s_b^T H^-1 B / (B - p).
 
-    Long blocks are few, and each pulls the solution towards itself; s_b becomes (1 - H_b H^-1)^-1 s_b, which
-    leaves the block out, and the last factor (B - 1) / B (the jackknife; Bell and McCaffrey, Survey
+    Long blocks are few, and each biases the solution towards itself; s_b becomes (1 - H_b H^-1)^-1 s_b, which
+    excludes the block, and the last factor (B - 1) / B (the jackknife; Bell and McCaffrey, Survey
     Methodology 28, 2002).
 
     Args:
         data: The recording.
-        columns: Shape (T, k, p).
-        target: [N m or N], shape (T, k).
+        columns: Columns of the least-squares problem, shape (T, k, p).
+        target: Right-hand side, such as torques [N m or N], shape (T, k).
         counts: Which rows count, shape (T, k).
-        long_blocks: Whether blocks are as long as leaves enough of them, up to `_LONG` times the usual.
+        long_blocks: Whether blocks are as long as a sufficient number allows, up to `_LONG` times the usual.
 
     Raises:
         InvalidValueError: for a recording with too few blocks for so many parameters.

@@ -1,4 +1,4 @@
-"""A log's commands given to the twin, and the twin held beside the robot."""
+"""Replay of a log's commands on the twin, and comparison of the twin with the robot."""
 
 from __future__ import annotations
 
@@ -20,47 +20,47 @@ from pepper_kin.twin.arm_protection import arm_protection
 from pepper_kin.twin.joint_response import JointResponse, joint_response
 
 CYCLE = 0.02
-"""Of NAOqi's motion process [s]."""
+"""Period of NAOqi's motion process [s]."""
 
 SETTLE = 4.0
-"""Time of a log that is not judged: the robot comes from a posture that nobody commanded [s]."""
+"""Initial time of a log that is not judged: the robot's initial posture was not commanded [s]."""
 
 ROUND_TRIPS = np.arange(0.0, 0.0201, 0.0005)
-"""Times of a call to the robot and back among which the log's is looked for [s]."""
+"""Candidates for the time of a call to the robot and back [s]."""
 
 LATE = 0.04
-"""Part of what a row takes beyond the median of the rows that its calls to the robot take longer each."""
+"""Ratio of a row's delay beyond the median by which each of its calls to the robot is longer."""
 
 FAST = 0.2
-"""A joint moves fast at this share of the speed that it was sent with."""
+"""Minimum ratio of the commanded speed at which a joint's motion counts as fast."""
 
 FEW = 5
-"""A delay is estimated from at least so many readings in fast motion."""
+"""Minimum number of readings in fast motion for the estimate of a delay."""
 
 SHIFTS = np.arange(-0.3, 0.3001, 0.005)
-"""Among which the delay is looked for [s]."""
+"""Candidates for the delay [s]."""
 
 SPREAD = 0.02
-"""Errors count by log(1 + (e / SPREAD)^2): those far above it say that something else happens [rad]."""
+"""Scale of the robust cost log(1 + (e / SPREAD)^2): far larger errors have other causes [rad]."""
 
 
 @dataclass(frozen=True, eq=False)
 class JointComparison:
-    """One joint of the twin beside the robot's; angles in rad.
+    """Comparison of one joint of the twin with the robot's; angles in rad.
 
     Attributes:
-        joint: Its name.
-        median: Of |twin - robot|, without the stretches that are named.
-        p95: 95th percentile of the same.
-        rms: Root of the mean square of the same.
-        delay: By how much the robot still comes after the twin in fast motion [s]; NaN where none was seen.
-        ratio: rms(twin - robot) / rms(command - robot), of all readings.
-        median_of_all: Of |twin - robot|, of all readings.
-        p95_of_all: 95th percentile of the same.
-        rms_of_all: Root of the mean square of the same.
-        named: Share of the readings that are in a stretch.
-        named_squares: Share of the squared error that is in a stretch; NaN where there is no error.
-        readings: How many were judged.
+        joint: Name of the joint.
+        median: Median of |twin - robot| outside stretches.
+        p95: 95th percentile of |twin - robot| outside stretches.
+        rms: Root mean square of twin - robot outside stretches.
+        delay: Remaining delay of the robot after the twin in fast motion [s]; NaN without fast motion.
+        ratio: rms(twin - robot) / rms(command - robot) over all readings.
+        median_of_all: Median of |twin - robot| over all readings.
+        p95_of_all: 95th percentile of |twin - robot| over all readings.
+        rms_of_all: Root mean square of twin - robot over all readings.
+        named: Fraction of the readings in a stretch.
+        named_squares: Fraction of the squared error in a stretch; NaN without any error.
+        readings: Number of readings that were judged.
     """
 
     joint: str
@@ -84,20 +84,20 @@ class JointComparison:
 
 @dataclass(frozen=True, eq=False)
 class Replay(FrozenArrays):
-    """The twin beside the robot, at the times of the readings.
+    """Comparison of the twin with the robot at the times of the readings.
 
     Attributes:
-        log: What was replayed.
+        log: The replayed log.
         twin: Angles of the twin [rad], shape (T, n).
         unexplained: Differences that no timing explains: 0 within the range of the twin around the time
-            of a reading, else the distance from it, positive above [rad], shape (T, n).
+            of a reading, else the distance from that range, positive above [rad], shape (T, n).
         judged: Which readings count, shape (T, n).
-        named: Which are in a stretch, shape (T, n).
-        round_trip: Time of a call to the robot and back [s]: readings of a row are so far apart.
-        stretches: What no actuator explains, in order of time.
+        named: Which readings are in a stretch, shape (T, n).
+        round_trip: Time of a call to the robot and back, the time between readings of a row [s].
+        stretches: Stretches that no actuator explains, in order of time.
         shifted: Sum of |twin - robot| in fast motion with the twin later by each of `SHIFTS`, by joint [rad],
             shape (n, shifts).
-        moving: How many readings in fast motion these are of, shape (n,).
+        moving: Number of readings in fast motion in `shifted`, shape (n,).
     """
 
     log: RobotLog
@@ -112,7 +112,7 @@ class Replay(FrozenArrays):
 
     @property
     def delays(self) -> Array:
-        """By how much the robot comes after the twin in fast motion [s], NaN where unknown, shape (n,)."""
+        """Delays of the robot after the twin in fast motion [s], NaN if unknown, shape (n,)."""
         return np.array([_delay(*one) for one in zip(self.shifted, self.moving, strict=True)])
 
     @property
@@ -154,18 +154,18 @@ def replay(
     round_trip: float | None = None,
     tolerance: Tolerance | None = None,
 ) -> Replay:
-    """Give a log's commands to the twin and hold it beside the robot.
+    """Replay a log's commands on the twin and compare it with the robot.
 
-    The twin takes the way of NAOqi's `setAngles` in cycles of 20 ms: targets within the limits, the
+    The twin processes commands like NAOqi's `setAngles` in cycles of 20 ms: targets within the limits, the
     interpolation with limited speed, the protection of the arms, and the response of the joints.
 
     Args:
         pepper: The robot.
-        log: Its log.
-        actuators: How the joints follow; as measured (`joint_response`) if omitted.
-        round_trip: Time of a call to the robot and back [s]; if omitted, that with which the twin is nearest
-            to the robot, one number for the log.  It only says when the joints of a row were read.
-        tolerance: What a stretch is.
+        log: Log of the robot.
+        actuators: Response of the joints; the measured one (`joint_response`) if omitted.
+        round_trip: Time of a call to the robot and back [s]; if omitted, the one with which the twin is
+            nearest to the robot, one number for the log.  It only determines when joints of a row were read.
+        tolerance: Definition of a stretch.
 
     Returns:
         The comparison; its first 4 s are not judged.
@@ -185,7 +185,7 @@ def replay(
     ]
     judged = log.arrived() & (log.time >= log.time[0] + SETTLE)[:, None]
     droop = gravity_droop(pepper, log, response, paths)
-    rigid = log.measured - droop  # where the joints would be without gravity
+    rigid = log.measured - droop  # positions of the joints without gravity
     if round_trip is None:
         round_trip = best_round_trip(log, paths, rigid, judged)
     readings = np.empty((len(paths), 3, log.time.size))
@@ -211,7 +211,7 @@ def replay(
 def command_path(pepper: PepperModel, log: RobotLog, response: JointResponse, joint: str) -> Array:
     """Return the commands of the twin's joint at the ends of the cycles of a log [rad], shape (cycles,).
 
-    The first cycle begins at `log.begin`, where the joint is at the first reading.
+    The first cycle begins at `log.begin`, with the joint at its first reading.
     """
     j, k = log.index(joint), pepper.joint_index(joint)
     lower, upper = float(pepper.lower_limits[k]), float(pepper.upper_limits[k])
@@ -226,12 +226,12 @@ def command_path(pepper: PepperModel, log: RobotLog, response: JointResponse, jo
 
 
 def kept_off(pepper: PepperModel, log: RobotLog, commands: Array) -> Array:
-    """Return commands by which the arms keep off the body [rad], shape (n, cycles); see `ArmProtection`.
+    """Return commands with the arms kept off the body [rad], shape (n, cycles); see `ArmProtection`.
 
     Args:
-        pepper: The robot; its joints that the log lacks are in the posture Stand.
-        log: Its log.
-        commands: Of the log's joints at the ends of the cycles [rad], shape (n, cycles).
+        pepper: The robot; joints that the log lacks are in the posture Stand.
+        log: Log of the robot.
+        commands: Commands of the log's joints at the ends of the cycles [rad], shape (n, cycles).
     """
     protection = arm_protection(pepper, CYCLE)
     places = [pepper.joint_index(joint) for joint in log.joint_names]
@@ -249,14 +249,14 @@ def kept_off(pepper: PepperModel, log: RobotLog, commands: Array) -> Array:
 def joint_path(
     pepper: PepperModel, log: RobotLog, response: JointResponse, joint: str, commands: Array | None = None
 ) -> Array:
-    """Return where the twin's joint is at the ends of the cycles of a log [rad], shape (cycles,).
+    """Return the angles of the twin's joint at the ends of the cycles of a log [rad], shape (cycles,).
 
     Args:
         pepper: The robot.
-        log: Its log.
-        response: How the joint follows.
-        joint: Its name.
-        commands: At the ends of the cycles [rad], shape (cycles,); those of `command_path` if omitted.
+        log: Log of the robot.
+        response: Response of the joints.
+        joint: Name of the joint.
+        commands: Commands at the ends of the cycles [rad], shape (cycles,); from `command_path` if omitted.
     """
     path = command_path(pepper, log, response, joint) if commands is None else commands.copy()
     k = pepper.joint_index(joint)
@@ -271,16 +271,16 @@ def read_at(path: Array, log: RobotLog, times: Array) -> Array:
 
 
 def times_of(log: RobotLog, j: int, round_trip: float) -> Array:
-    """Return when the joint in column j was read [s], shape (T,); in a row that took long, its calls did."""
+    """Return the times at which the joint in column j was read [s], shape (T,); long rows have long calls."""
     took = np.diff(log.time, append=log.time[-1] + np.median(np.diff(log.time)))
     longer = np.clip(took - np.median(took), -0.1, 0.4)
     return np.asarray(log.time + (round_trip + LATE * longer) * log.reading_order[j])
 
 
 def gravity_droop(pepper: PepperModel, log: RobotLog, response: JointResponse, paths: list[Array]) -> Array:
-    """Return by how much gravity moves the joints, -compliance x torque that holds them [rad], shape (T, n).
+    """Return the displacements by gravity, -compliance x holding torque [rad], shape (T, n).
 
-    The joints that the log lacks are taken to be in the posture Stand.
+    Joints that the log lacks are assumed in the posture Stand.
     """
     compliance = np.array([response.compliance[response.index(joint)] for joint in log.joint_names])
     if not compliance.any():
@@ -296,7 +296,7 @@ def holding_torque(pepper: PepperModel, log: RobotLog, paths: list[Array]) -> Ar
 
 
 def whole_body(pepper: PepperModel, log: RobotLog, angles: Array) -> Array:
-    """Return angles of a log's joints, shape (T, n of the log), with all others as in Stand [rad], (T, n)."""
+    """Return angles of all joints [rad], shape (T, n): the log's joints, and the posture Stand for others."""
     q = np.tile(_stand(pepper), (len(angles), 1))
     q[:, [pepper.joint_index(joint) for joint in log.joint_names]] = angles
     return q
@@ -308,12 +308,12 @@ def _stand(pepper: PepperModel) -> Array:
 
 
 def best_round_trip(log: RobotLog, paths: list[Array], rigid: Array, judged: NDArray[np.bool_]) -> float:
-    """Return the round trip with which the sum of log(1 + (e / 20 mrad)^2) is least [s].
+    """Return the round trip that minimizes the sum of log(1 + (e / 20 mrad)^2) [s].
 
     Args:
         log: The log.
-        paths: Of the twin's joints.
-        rigid: What was read, without gravity's droop [rad], shape (T, n).
+        paths: Angles of the twin's joints at the ends of the cycles [rad], shape (cycles,) each.
+        rigid: Readings without the displacement by gravity [rad], shape (T, n).
         judged: Which readings count, shape (T, n).
     """
     if not log.reading_order.any():
@@ -330,14 +330,14 @@ def best_round_trip(log: RobotLog, paths: list[Array], rigid: Array, judged: NDA
 def _shifted(
     path: Array, log: RobotLog, times: Array, rigid: Array, which: tuple[float, NDArray[np.bool_]]
 ) -> tuple[Array, int]:
-    """Return the sum of |twin(t - s) - robot(t)| for each shift s [rad], and of how many readings.
+    """Return the sum of |twin(t - s) - robot(t)| for each shift s [rad], and the number of readings.
 
     Args:
-        path: Of the twin's joint.
+        path: Angles of the twin's joint at the ends of the cycles [rad], shape (cycles,).
         log: The log.
-        times: When the joint was read [s], shape (T,).
-        rigid: What was read, without gravity's droop [rad], shape (T,).
-        which: The speed from which the joint is fast [rad/s], and which readings count, shape (T,).
+        times: Times at which the joint was read [s], shape (T,).
+        rigid: Readings without the displacement by gravity [rad], shape (T,).
+        which: Minimum speed of fast motion [rad/s], and mask of the readings that count, shape (T,).
     """
     fast, use = which
     speed = (read_at(path, log, times + 0.05) - read_at(path, log, times - 0.05)) / 0.1
@@ -347,7 +347,7 @@ def _shifted(
 
 
 def _delay(shifted: Array, moving: int) -> float:
-    """Return the shift with the least sum [s], NaN where it is of too few readings."""
+    """Return the shift with the minimum sum [s], NaN for too few readings."""
     return float(SHIFTS[int(np.argmin(shifted))]) if moving >= FEW else float("nan")
 
 
@@ -375,6 +375,7 @@ def compared(replays: list[Replay]) -> dict[str, JointComparison]:
 def _numbers(
     joint: str, error: Array, command: Array, named: NDArray[np.bool_], delay: float
 ) -> JointComparison:
+    """Return the comparison of a joint from the errors of twin and command, shape (T,) [rad]."""
     return JointComparison(
         joint,
         *_spread(error[~named]),
@@ -388,7 +389,7 @@ def _numbers(
 
 
 def _spread(error: Array) -> tuple[float, float, float]:
-    """Return median and 95th percentile of |error|, and its rms; NaN where there is none."""
+    """Return median and 95th percentile of |error|, and its rms; NaN without readings."""
     if not error.size:
         return (float("nan"),) * 3
     return float(np.median(np.abs(error))), float(np.percentile(np.abs(error), 95)), _rms(error)

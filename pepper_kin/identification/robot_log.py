@@ -1,4 +1,4 @@
-"""A robot's log: what was commanded, and what the encoders read."""
+"""Log of a robot: commands and encoder readings."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model.joint_vectors import as_finite
 
 LOST = 0.05
-"""A reading of exactly 0 that is farther than this from both of its neighbors was lost on its way [rad]."""
+"""Distance from both neighbors above which a reading of exactly 0 counts as lost in transmission [rad]."""
 
 
 @dataclass(frozen=True, eq=False)
 class RobotLog(FrozenArrays):
-    """Commands of `setAngles` and the angles that were read meanwhile.
+    """Commands of `setAngles` and the angles read at the same time.
 
     Attributes:
-        name: Of the log, for messages and tables.
-        joint_names: The joints, n of them.
-        command_time: When commands were given, rising [s], shape (C,).
+        name: Name of the log, for messages and tables.
+        joint_names: Names of the n joints.
+        command_time: Times of the commands, rising [s], shape (C,).
         command: Targets [rad], shape (C, n).
-        time: Of the readings, rising [s], shape (T,).
-        measured: Angles that encoders read [rad], shape (T, n).
-        share: Share of the fastest speed that went with the commands, above 0 and at most 1.
-        reading_order: How many round trips to the robot lie between `time` and the reading of each joint,
-            shape (n,); 0 where `time` is when the encoders were read.
-        person: Whose session it is: sessions of one person are not independent.
+        time: Times of the readings, rising [s], shape (T,).
+        measured: Angles read by encoders [rad], shape (T, n).
+        share: Ratio of the maximum speed given with the commands, above 0 and at most 1.
+        reading_order: Number of round trips to the robot between `time` and the reading of each joint,
+            shape (n,); 0 if encoders were read at `time`.
+        person: Person of the session: sessions of one person are not independent.
     """
 
     name: str
@@ -84,12 +84,12 @@ class RobotLog(FrozenArrays):
         return self.joint_names.index(joint)
 
     def commands_at(self, times: Array) -> Array:
-        """Return the newest command at times [rad], shape (T, n); the first one before it was given."""
+        """Return the newest command at times [rad], shape (T, n); before the first command, the first one."""
         newest = np.searchsorted(self.command_time, times, side="right") - 1
         return np.asarray(self.command[np.maximum(newest, 0)])
 
     def arrived(self) -> NDArray[np.bool_]:
-        """Return which readings were not lost on their way, shape (T, n)."""
+        """Return which readings were not lost in transmission, shape (T, n)."""
         lost = [_lost(self.measured[:, j]) for j in range(len(self.joint_names))]
         return ~np.column_stack(lost)
 
@@ -99,7 +99,7 @@ class RobotLog(FrozenArrays):
 
 
 def _lost(q: Array) -> NDArray[np.bool_]:
-    """Return which zeros of one joint are between readings that are elsewhere, shape (T,)."""
+    """Return which readings of one joint are zeros between readings far from 0, shape (T,)."""
     lost = np.zeros(q.size, dtype=bool)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], q == 0.0, [False]]).astype(int)))
     for first, beyond in edges.reshape(-1, 2):

@@ -1,6 +1,6 @@
 """Faults in a robot's log or a run: residuals against the twin, tested for the signature of each fault.
 
-A residual r, what was measured less what the twin expects, is theta phi + noise under a fault of the size
+A residual r, the measurement minus the twin's expectation, is theta phi + noise under a fault of the size
 theta:
 
     fault            residual r                                          signature phi        theta
@@ -8,24 +8,24 @@ theta:
     biased sensor    angle - twin's (+ (torque - twin's) / Kp)           1                    bias [rad]
     weak motor       angle - twin's + (torque - twin's) / Kp             -torque / Kp         1 / strength - 1
     wrong payload    torques of an arm - twin's                          -J^T g of the hand   mass [kg]
-    slipped wheel    turn of a wheel - turn that the base's way needs    turn of the wheel    share of turns
-    slipping gear    as of a stuck joint                                 -change of twin's,   share of its way
-                                                                         both or one way
+    slipped wheel    rotation of a wheel - rotation for the base's path  wheel's rotation     ratio
+    slipping gear    residual of a stuck joint                           -change of twin's,   ratio of motion
+                                                                         in both or one direction
 
-The residual with torque / Kp does not see a payload, and torques do not see a weak motor, whose servo leans
-further until it gives the same torque: such structured residuals isolate faults (Gertler, Fault Detection
-and Diagnosis in Engineering Systems, 1998).  Those of a weak motor are differences over 2 s.  Torques are
-less the gravity of where the robot is and the twin is not.  Each hypothesis has Page's cumulative sum
-(Biometrika 41, 1954) of log-likelihood ratios under Cauchy's distribution, which a joint that is held for
-a moment does not upset:
+The residual with torque / Kp is insensitive to a payload, and torques are insensitive to a weak motor, whose
+servo deviates further until it gives the same torque: structured residuals like these isolate faults
+(Gertler, Fault Detection and Diagnosis in Engineering Systems, 1998).  Residuals of a weak motor are
+differences over 2 s.  Torques are corrected for gravity at the difference between the postures of robot and
+twin.  Each hypothesis has Page's cumulative sum (Biometrika 41, 1954) of log-likelihood ratios under the
+Cauchy distribution, which is robust against a joint that is held briefly:
 
     s_k = log(1 + (r / sigma)^2) - log(1 + ((r - theta phi) / sigma)^2) - d log(1 + (theta phi / sigma)^2),
     S_k = max(0, S_{k-1} + s_k).
 
-A fault is named where S of some theta reaches a threshold; it began where S was last 0.  A gear that loses
-a share of every way is off by what it has lost, too: a bias of that joint at that time is not named.  A gear
-that slips once, by a tooth, gives the same readings as an encoder whose bias begins then: a line of a bias
-says both.
+A fault is reported where S of some theta reaches a threshold; it began where S was last 0.  A gear that loses
+a fraction of every motion also has an offset: a bias of that joint at that time is not reported.  A gear
+that slips once, by a tooth, gives the same readings as an encoder whose bias begins then: the line of a bias
+names both.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ from pepper_kin.twin.run_status import RunStatus
 from pepper_kin.twin.twin import Twin
 
 FAULTS = ("stuck joint", "weak motor", "wrong payload", "slipped wheel", "biased sensor", "slipping gear")
-"""Faults that `diagnose` names."""
+"""Kinds of faults that `diagnose` reports."""
 STUCK, WEAK, PAYLOAD, SLIP, BIAS, GEAR = FAULTS
 UNITS = dict(
     zip(
@@ -65,29 +65,30 @@ UNITS = dict(
 )
 
 THRESHOLDS = {STUCK: 25.0, WEAK: 30.0, PAYLOAD: 20.0, SLIP: 10.0, BIAS: 90.0, GEAR: 25.0}
-"""Of the cumulative sums: of stuck joints, gears and biases twice the largest sums in an hour of a real
-Pepper's logs, of the others as much above those of healthy twins (`benchmarks/run_all.py run_monitor`)."""
+"""Thresholds of the cumulative sums: for stuck joints, gears and biases twice the maximum in an hour of a
+real Pepper's logs, for others twice the maximum of healthy twins (`benchmarks/run_all.py run_monitor`)."""
 
 SPREADS = {STUCK: 0.006, WEAK: 0.002, PAYLOAD: 0.1, SLIP: 0.01, BIAS: 0.02, GEAR: 0.006}
-"""sigma: [rad], [N m] of the payload, [rad] of a wheel; in runs, a bias has the one of a weak motor."""
+"""sigma of the residuals: [rad], [N m] for the payload, [rad] for a wheel; in runs, a bias has the sigma of a
+weak motor."""
 
 DRIFT = 0.2
-"""d, the part of the largest evidence that a reading can give which is taken off."""
+"""d, the ratio of the maximum evidence of a reading that is subtracted."""
 
 BLOCK = 0.1
-"""Readings are at least this far apart; those of a run are means over it [s]."""
+"""Minimum time between readings; readings of a run are means over this time [s]."""
 
 LAG = 2.0
-"""A weak motor shows in what changes over this time: an offset is no sign of it [s]."""
+"""Time over which differences show a weak motor: an offset does not indicate one [s]."""
 
 GAP = 1.0
-"""Changes between readings that are farther apart are not compared [s]."""
+"""Maximum time between readings whose changes are compared [s]."""
 
 SPEED_OVER = 0.2
-"""Speeds are compared with what `share` allows over this time [s]."""
+"""Time over which mean speeds are compared with the speed that `share` allows [s]."""
 COMMANDED, READ, FASTER = 0.2, 0.02, 1.2
-"""`share` explains a joint no more where this part of the commanded speeds is above what it allows, or this
-part of the speeds that were read by this factor: of a real Pepper's logs they are at most 0.08 and 0.005."""
+"""Criteria by which a log's `share` is too low for a joint: fraction of commanded speeds above the allowed
+speed, or of measured speeds above it by a factor; a real Pepper's logs have at most 0.08 and 0.005."""
 
 _COMPLIANCES = np.array([0.4, 0.8, 1.6, 3.2, 6.4])
 _MASSES = np.array([0.05, 0.1, 0.2, 0.4, 0.8, 1.6, -0.05, -0.1, -0.2, -0.4])
@@ -98,17 +99,17 @@ _SCALE = np.array([2.5, 5.0, 10.0, 20.0, 40.0, 80.0])
 
 @dataclass(frozen=True)
 class RunFault:
-    """What a run shows that the twin does not.
+    """A fault in a run, by comparison with the twin.
 
     Attributes:
         kind: One of `FAULTS`.
         part: The joint, the hand ("left", "right") or the wheel.
-        begin: Where it begins, as far as the residuals show [s].
-        end: Time of the last reading that speaks for it [s].
-        size: Way that a stuck joint did not follow [rad]; share of its torque that a weak motor gives; mass
-            that a hand carries and the twin does not [kg]; share of its turns by which a wheel slips; bias
-            of an encoder [rad]; share of its way that a gear loses.
-        score: Largest cumulative sum over its threshold, at least 1.
+        begin: Start of the fault according to the residuals [s].
+        end: Time of the last reading that supports the fault [s].
+        size: Motion that a stuck joint did not follow [rad]; ratio of its torque that a weak motor gives;
+            mass in the hand beyond the twin's [kg]; ratio of its rotation by which a wheel slips; bias of an
+            encoder [rad]; ratio of its motion that a gear loses.
+        score: Ratio of the maximum cumulative sum to its threshold, at least 1.
     """
 
     kind: str
@@ -119,7 +120,7 @@ class RunFault:
     score: float
 
     def meets(self, other: RunFault) -> bool:
-        """Whether another fault is one of the same part at the same time."""
+        """Return whether another fault concerns the same part at the same time."""
         return self.part == other.part and self.begin <= other.end and other.begin <= self.end
 
     def __str__(self) -> str:
@@ -131,15 +132,15 @@ class RunFault:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What was found in a run.
+    """Faults and scores of a run.
 
     Attributes:
-        faults: In order of time; of two that share a joint at a time, the one with the greater score.
-        scores: (kind, part) -> largest cumulative sum over its threshold, of all that was judged.
-        judged: Joint or wheel -> how long it was judged [s].
+        faults: Faults in order of time; of two that share a joint at a time, the one with the higher score.
+        scores: (kind, part) -> ratio of the maximum cumulative sum to its threshold, for all judged.
+        judged: Joint or wheel -> time for which it was judged [s].
         not_judged: Kind -> why this run cannot show it.
-        beyond_share: Joint -> how much faster than the log's `share` allows it was commanded or moved: the
-            twin does not go so fast, and faults hide.
+        beyond_share: Joint -> by how much its commanded or measured speed exceeds the log's `share`: the twin
+            is slower, which hides faults.
     """
 
     faults: tuple[RunFault, ...]
@@ -149,7 +150,7 @@ class Diagnosis:
     beyond_share: Mapping[str, str]
 
     def score(self, kind: str) -> float:
-        """Return the largest score of a kind over all parts, 0 where it was not judged.
+        """Return the maximum score of a kind over all parts, 0 if it was not judged.
 
         Raises:
             UnknownNameError: for another kind.
@@ -159,7 +160,7 @@ class Diagnosis:
         return max((score for (one, _), score in self.scores.items() if one == kind), default=0.0)
 
     def report(self) -> str:
-        """Return the faults, a line each, and what was not judged."""
+        """Return the faults, a line each, and the kinds that were not judged."""
         lines = [*map(str, self.faults), *(f"{joint}: {why}" for joint, why in self.beyond_share.items())]
         if self.beyond_share:
             lines.append(
@@ -173,14 +174,14 @@ class _Evidence(NamedTuple):
     """A residual and a fault's signature in it.
 
     Attributes:
-        kind: Of the fault.
-        part: Where.
-        joints: Those that it concerns.
-        time: Of the residuals [s], shape (T,).
-        residual: r, shape (T, k).
-        signature: phi, shape (T, k).
-        spread: sigma.
-        sizes: theta.
+        kind: Kind of the fault.
+        part: Part of the fault.
+        joints: Names of the joints that it concerns.
+        time: Times of the residuals [s], shape (T,).
+        residual: Residuals r, shape (T, k).
+        signature: Signature phi, shape (T, k).
+        spread: Standard deviation sigma of the residuals.
+        sizes: Tested sizes theta, shape (m,).
     """
 
     kind: str
@@ -200,26 +201,25 @@ def diagnose(
     *,
     thresholds: Mapping[str, float] | None = None,
 ) -> Diagnosis:
-    """Compare a robot's log, or a run with torques, with the twin, and name faults; see the module for how.
+    """Compare a robot's log, or a run with torques, with the twin, and report faults; see the module's text.
 
     A log shows stuck joints, slipping gears and biased sensors; it is not judged where an arm is kept off
-    the body, or a joint's command is at its limit.  A bias is one of the readings alone: where the servo
-    itself reads the biased encoder, the joint is wrong and the reading is not.  A weak motor shows where
-    a joint moves under a load.  In a run, `position` of the base's joints is where it was seen from
-    outside, and the sensor "wheel_odometry" shows how far its wheels turned.  A joint that is not sent
-    anywhere shows nothing.
+    the body, or a joint's command is at its limit.  A bias affects only the readings: if the servo itself
+    reads the biased encoder, the joint is wrong and the reading is not.  A weak motor shows when a joint
+    moves under a load.  In a run, `position` of the base's joints is its externally observed pose, and the
+    sensor "wheel_odometry" has the rotations of its wheels.  A joint without commands shows nothing.
 
     Args:
         pepper: The robot.
-        run: Its log, or a run of all its joints in equal steps.
-        model: What is expected: how the joints follow (of a log; `joint_response(pepper)` if omitted), or a
-            twin with the steps of the run, which is reset (`Twin(pepper, step)` if omitted).
-        thresholds: Kind -> threshold, in place of that of `THRESHOLDS`.
+        run: Log of the robot, or a run of all its joints in equal steps.
+        model: Expected behavior: the response of the joints for a log (`joint_response(pepper)` if omitted),
+            or a twin with the steps of the run, which is reset (`Twin(pepper, step)` if omitted).
+        thresholds: Kind -> threshold, in place of the one of `THRESHOLDS`.
 
     Raises:
-        InvalidValueError: for what is neither log nor run, a model that does not suit it, a run of other
+        InvalidValueError: for anything but a log or a run, a model of the wrong type, a run of other
             joints or with uneven times, or a threshold that is not above 0.
-        UnknownNameError: for a kind of fault, or a joint, that is not known.
+        UnknownNameError: for an unknown kind of fault, or an unknown joint.
     """
     limits = dict(THRESHOLDS)
     for kind, value in (thresholds or {}).items():
@@ -273,7 +273,7 @@ def _reasons(run: RobotLog | Run) -> dict[str, str]:
 
 
 def _tested(one: _Evidence, threshold: float) -> tuple[float, list[RunFault]]:
-    """Return the largest score of a hypothesis, and the faults that reach 1."""
+    """Return the maximum score of a hypothesis, and the faults whose score reaches 1."""
     top, faults = 0.0, []
     unlikely = np.log1p((one.residual / one.spread) ** 2)
     for size in one.sizes:
@@ -298,7 +298,7 @@ def _tested(one: _Evidence, threshold: float) -> tuple[float, list[RunFault]]:
 
 
 def _size(one: _Evidence, rows: slice, start: float) -> float:
-    """Return the size of a fault over some rows, by least squares with Cauchy's weights."""
+    """Return the size of a fault over some rows, by least squares with Cauchy weights."""
     r, phi, size = one.residual[rows], one.signature[rows], start
     if one.kind == STUCK:
         return float(np.abs(phi).sum())
@@ -309,8 +309,8 @@ def _size(one: _Evidence, rows: slice, start: float) -> float:
 
 
 def evidence_of_log(pepper: PepperModel, log: RobotLog, response: JointResponse) -> Iterator[_Evidence]:
-    """Yield what a log shows of its joints."""
-    found = replay(pepper, log, response, tolerance=Tolerance(within=100.0))  # which names no stretch
+    """Yield the evidence of a log on its joints."""
+    found = replay(pepper, log, response, tolerance=Tolerance(within=100.0))  # which finds no stretch
     command, places = log.commands_at(log.time), [pepper.joint_index(joint) for joint in log.joint_names]
     inside = command > pepper.lower_limits[places] + NEAR_LIMIT
     inside &= command < pepper.upper_limits[places] - NEAR_LIMIT
@@ -325,7 +325,7 @@ def evidence_of_log(pepper: PepperModel, log: RobotLog, response: JointResponse)
 
 
 def _beyond_share(pepper: PepperModel, log: RobotLog, response: JointResponse) -> dict[str, str]:
-    """Return how much faster than `share` allows joints of a log were commanded or moved."""
+    """Return texts, by joint, on commanded or measured speeds above the log's `share`."""
     found, arrived = {}, log.arrived()
     for j, joint in enumerate(log.joint_names):
         k, rows = pepper.joint_index(joint), arrived[:, j]
@@ -342,7 +342,7 @@ def _beyond_share(pepper: PepperModel, log: RobotLog, response: JointResponse) -
 
 
 def _speeds(time: Array, angle: Array) -> Array:
-    """Return mean speeds over `SPEED_OVER` from each time on [rad/s]; 0 of what is shorter."""
+    """Return mean speeds over `SPEED_OVER` from each time on [rad/s]; one 0 if all times are too short."""
     end = np.searchsorted(time, time + SPEED_OVER)
     begin = np.flatnonzero(end < time.size)
     end = end[begin]
@@ -351,6 +351,7 @@ def _speeds(time: Array, angle: Array) -> Array:
 
 
 def _of_motion(joint: str, time: Array, angle: Array, expected: Array) -> Iterator[_Evidence]:
+    """Yield the evidence for a stuck joint and a slipping gear, from measured and expected angles."""
     near = np.diff(time) < GAP
     moved = np.where(near, np.diff(expected), 0.0)[:, None]
     residual = np.where(near, np.diff(angle), 0.0)[:, None] - moved
@@ -366,7 +367,7 @@ def _of_bias(joint: str, time: Array, residual: Array, spread: float) -> _Eviden
 
 
 def _of_run(pepper: PepperModel, run: Run, model: Twin | None) -> Iterator[_Evidence]:
-    """Yield what a run shows of its joints and of what the hands carry."""
+    """Yield the evidence of a run on its joints and on the loads of the hands."""
     if run.joint_names != pepper.joint_names:
         raise InvalidValueError(
             "joints of the run", ", ".join(run.joint_names), ", ".join(pepper.joint_names)
@@ -417,7 +418,7 @@ def _of_run(pepper: PepperModel, run: Run, model: Twin | None) -> Iterator[_Evid
 
 
 def _of_wheels(pepper: PepperModel, run: Run) -> Iterator[_Evidence]:
-    """Yield what a run shows of the wheels: how far they turned, beside what the base's way needs."""
+    """Yield the evidence of a run on the wheels: their rotations against those that the base's path needs."""
     base = [j for j, name in enumerate(run.joint_names) if name in ("BaseX", "BaseY", "BaseYaw")]
     readings = run.readings.get("wheel_odometry")
     if len(base) < 3 or readings is None or np.ptp(readings.time) < 1.0:

@@ -1,12 +1,12 @@
-"""Stretches of a log that no actuator explains, and what may have caused them.
+"""Stretches of a log that no actuator explains, and their possible causes.
 
-A reading is explained where some timing of the commanded motion is near it: where it is within a distance
-of the range that the twin passes within a short time before and after.  Readings that are not, several of
-them in a row and over some time, are a stretch, as far as they stay away by half of that distance.  It is
+A reading is explained if some timing of the commanded motion is near it: if it is within a distance of the
+range of the twin over a short time before and after.  Several unexplained readings in a row, over some time,
+form a stretch, which extends while readings stay away by half of that distance.  A stretch is
 
 * "beyond a limit" where the command lay beyond the joint's limit, or close to it, and the robot stayed short,
-* "protected" where the commanded posture brings that arm near the body, or another joint of the arm is
-  protected meanwhile: the robot keeps its arms off, or they lie against it,
+* "protected" where the commanded posture brings the joint's arm near the body, or another joint of the arm is
+  protected at that time: the robot keeps its arms off, or they touch the body,
 * "blocked" where the robot is at rest, away from the command,
 * "unknown" otherwise: pushed, held, hot, or commanded by somebody else.
 """
@@ -29,26 +29,26 @@ KINDS = (BEYOND, PROTECTED, BLOCKED, UNKNOWN)
 """Kinds of a `Stretch`."""
 
 STILL = 0.01
-"""A robot is at rest where four fifths of its readings stay within this distance of their middle [rad]."""
+"""Distance from their middle within which four fifths of the readings of a robot at rest stay [rad]."""
 
 NEAR_LIMIT = 0.03
-"""A command is at a limit within this distance [rad]."""
+"""Distance from a limit within which a command counts as at the limit [rad]."""
 
 NEAR_BODY = 0.01
-"""A commanded arm is near the body below this clearance of its shapes [m]."""
+"""Clearance of its shapes below which a commanded arm counts as near the body [m]."""
 
 _POSTURE = "Stand"
 
 
 @dataclass(frozen=True)
 class Tolerance:
-    """What a stretch is.
+    """Definition of a stretch.
 
     Attributes:
-        within: Distance of a reading from the range of the twin, from which it is unexplained [rad].
-        timing: Half the time over which that range is taken [s].
-        duration: Least duration of a stretch [s].
-        readings: Least number of unexplained readings of a stretch.
+        within: Distance from the range of the twin above which a reading is unexplained [rad].
+        timing: Half the time over which the range of the twin is taken [s].
+        duration: Minimum duration of a stretch [s].
+        readings: Minimum number of unexplained readings of a stretch.
     """
 
     within: float = 0.02
@@ -60,7 +60,7 @@ class Tolerance:
         """Check the numbers.
 
         Raises:
-            InvalidValueError: for one that is not allowed.
+            InvalidValueError: for a number out of range.
         """
         for quantity in ("within", "timing", "duration", "readings"):
             value = getattr(self, quantity)
@@ -70,13 +70,13 @@ class Tolerance:
 
 @dataclass(frozen=True)
 class Stretch:
-    """A time in which a joint was where no actuator would have brought it.
+    """A period in which no actuator explains a joint's position.
 
     Attributes:
-        joint: Its name.
-        begin: Time of its first reading [s].
-        end: Time of its last reading [s].
-        size: Greatest |twin - robot| [rad].
+        joint: Name of the joint.
+        begin: Time of the first reading of the stretch [s].
+        end: Time of the last reading of the stretch [s].
+        size: Maximum of |twin - robot| [rad].
         offset: Median of robot - command [rad].
         kind: One of `KINDS`.
     """
@@ -111,10 +111,10 @@ def find_stretches(
 
     Args:
         pepper: The robot.
-        log: Its log.
+        log: Log of the robot.
         twin: Angles of the twin [rad], shape (T, n).
         unexplained: Distances of the readings from the range of the twin [rad], shape (T, n).
-        tolerance: What a stretch is.
+        tolerance: Definition of a stretch.
     """
     named = np.zeros(unexplained.shape, dtype=bool)
     found: list[Stretch] = []
@@ -140,12 +140,12 @@ def find_stretches(
 
 
 def _runs(time: Array, distance: Array, tolerance: Tolerance) -> list[tuple[int, int]]:
-    """Return first row and the row beyond the last one of each stretch.
+    """Return the first row of each stretch, and the row after its last.
 
     Args:
-        time: Of the readings [s], shape (T,).
-        distance: Of the readings from the range of the twin [rad], shape (T,).
-        tolerance: What a stretch is.
+        time: Times of the readings [s], shape (T,).
+        distance: Distances of the readings from the range of the twin [rad], shape (T,).
+        tolerance: Definition of a stretch.
     """
     away = np.concatenate([[False], distance > 0.5 * tolerance.within, [False]])
     runs = np.flatnonzero(np.diff(away.astype(int))).reshape(-1, 2)
@@ -175,7 +175,7 @@ def _kind(pepper: PepperModel, log: RobotLog, command: Array, rows: tuple[int, i
 
 
 def _with_their_arms(found: list[Stretch]) -> list[Stretch]:
-    """Return stretches of which unknown ones are protected where the same arm is protected meanwhile."""
+    """Return stretches; an unknown one becomes protected if its arm is protected at that time."""
     protected = [one for one in found if one.kind == PROTECTED]
     return [
         replace(one, kind=PROTECTED)

@@ -1,4 +1,4 @@
-"""Arrays of any kind as rows that compiled code can read."""
+"""Conversion of arrays to rows that compiled code can read."""
 
 from __future__ import annotations
 
@@ -43,10 +43,10 @@ def read_inputs(
     Args:
         signature: Names and shapes of the inputs.
         dtype: Number format of the rows.
-        values: One for each input, of shape (..., rows) or (..., rows, columns).
+        values: One array per input, shape (..., rows) or (..., rows, columns).
 
     Returns:
-        The leading axes of the inputs (those that have any must agree), and the rows of each input.
+        Leading axes of the inputs (inputs with leading axes must agree), and the rows of each input.
 
     Raises:
         InvalidValueError: Wrong number of inputs, wrong shape, or not real numbers.
@@ -131,7 +131,7 @@ def _real_array(name: str, value: ArrayLike) -> np.ndarray:
 
 
 def _common_batch(names: Sequence[str], batches: Sequence[tuple[int, ...]]) -> tuple[int, ...]:
-    """The leading axes that all inputs share; inputs without any are shared by all states."""
+    """Return the leading axes that inputs have in common; inputs without leading axes hold for all states."""
     leading: tuple[int, ...] = ()
     first = ""
     for name, batch in zip(names, batches, strict=True):
@@ -143,9 +143,9 @@ def _common_batch(names: Sequence[str], batches: Sequence[tuple[int, ...]]) -> t
 
 
 def _as_rows(array: np.ndarray, count: int, size: int, dtype: np.dtype, *, shared: bool) -> RowView:
-    """Return an array of shape (..., *core) as rows, shape (count, size), copied only where it has to be."""
+    """Return an array of shape (..., *core) as rows, shape (count, size), copied only if necessary."""
     if array.dtype != dtype:
-        with np.errstate(over="ignore"):  # what is too large for a float becomes infinite, refused as such
+        with np.errstate(over="ignore"):  # numbers too large for a float become infinite and are refused
             array = array.astype(dtype)
     rows = array.reshape(count, size)
     item = dtype.itemsize

@@ -4,22 +4,22 @@
                        f64* const* outputs, const int64* output_strides,
                        int64 count, f64* work)
 
-Array `i` holds `count` rows; a row is contiguous and starts `strides[i]` elements after the one before (0:
-the same row for all states).  For every W states, W x W squares of the inputs are loaded and transposed by
-shuffles into a scratch of vectors (one vector per element, one lane per state) that stays in the first-level
-cache; the block function runs; its results go back the same way.
+Array `i` holds `count` rows; a row is contiguous and starts `strides[i]` elements after the row before (0:
+the same row for all states).  For every W states, W x W tiles of the inputs are loaded and transposed by
+shuffles into scratch vectors (one vector per element, one lane per state) that stay in the first-level
+cache; the block function runs; its results are transposed back in the same way.
 
-Before rows are loaded, those of some blocks further on are called into the caches: the processor's own guess
-comes too late where a block takes little time.  All inputs at once would be more than it can wait for.
-Results that are too large for the caches are written otherwise, see `streaming.py`.
+Before rows are loaded, the rows of a later block are prefetched: the processor's own prefetcher is too late
+if a block takes little time.  All inputs at once would exceed the number of pending loads.  Results that are
+too large for the caches are streamed, see `streaming.py`.
 
-No read or write goes beyond an array.  In the last block the lanes left over repeat the last state, reading
-and writing the same row.  The last square of a row is moved back to end with it, overlapping the one before;
-rows shorter than W go element by element.
+No read or write goes beyond an array.  In the last block the unused lanes repeat the last state, reading
+and writing the same row.  The last tile of a row is moved back to end with the row, overlapping the tile
+before; rows shorter than W go element by element.
 
-The result names the inputs that need a closer look, since they hold NaN, an infinity or a number of LARGE's
-square root or more: bit min(i, 62) for input i where squares sum to LARGE or more, or to NaN.  That costs one
-fused instruction per load.
+The result is a bit mask of the inputs to check, since they hold NaN, an infinity or a number of at least
+LARGE's square root: bit min(i, 62) for input i where squares sum to LARGE or more, or to NaN.  The check
+costs one fused instruction per load.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ from pepper_kin.kernels.streaming import Stream, output_arrays, staging_size
 from pepper_kin.kernels.writer import Lanes, Writer
 
 AHEAD = 8
-"""Blocks by which rows are called into the caches before they are loaded."""
+"""Number of blocks by which rows are prefetched before they are loaded."""
 
 CACHE_LINE = 64
 
 LARGE = 1e18
-"""Inputs whose squares sum to less, in each lane, hold no NaN, no infinity and no number beyond 1e9."""
+"""Bound on sums of squares: with smaller sums in each lane, no input is NaN, infinite or beyond 1e9."""
 
 _HEADER = (
     "i64 @kernel_batch(ptr noalias readonly %inputs, ptr noalias readonly %input_strides, "
@@ -96,7 +96,7 @@ def _array(w: Writer, pointers: str, strides: str, index: int) -> tuple[str, str
 
 
 def _row_number(w: Writer, start: str, lane: int, last: str) -> str:
-    """Number of the state in a lane: the last state for the lanes that are left over."""
+    """Index of the state in a lane: the last state for unused lanes."""
     row = w.value(f"add nsw i64 {start}, {lane}")
     inside = w.value(f"icmp slt i64 {row}, {last}")
     return w.value(f"select i1 {inside}, i64 {row}, i64 {last}")
@@ -106,12 +106,12 @@ def _load_rows(w: Writer, name: str, rows: list[str], size: int, scratch: str, c
     """Write the load of one input: W rows of `size` elements become `size` vectors."""
     lanes = w.lanes
     length = size * lanes.vector_bytes
-    for place in range(AHEAD * length, (AHEAD + 1) * length, CACHE_LINE):  # of rows without gaps, if any
+    for place in range(AHEAD * length, (AHEAD + 1) * length, CACHE_LINE):  # prefetch of rows without gaps
         address = w.value(f"getelementptr i8, ptr {rows[0]}, i64 {place}")
         w.line(f"call void @llvm.prefetch.p0(ptr {address}, i32 0, i32 3, i32 1)")
 
     def add_to_check(vectors: list[str]) -> None:
-        found = "zeroinitializer"  # a separate chain for every square, so that squares are independent
+        found = "zeroinitializer"  # a separate sum for every tile, so that tiles are independent
         for vector in vectors:
             found = w.multiply_add(vector, vector, found)
         w.store(w.binary("fadd", w.load(check), found), check)

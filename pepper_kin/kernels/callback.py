@@ -11,18 +11,18 @@ _PROTOTYPE = ctypes.CFUNCTYPE(ctypes.c_int64)
 
 
 class Callback:
-    """A Python function of three integers as a C function without arguments; what it raises is kept.
+    """A Python function of three integers as a C function without arguments; its exception is kept.
 
-    Python handles signals as a function begins, before its first line, and ctypes drops what is raised there:
-    Ctrl-C would be lost as often as not.  So the C function goes on with a generator that waits within `try`.
+    Python handles signals when a function begins, before its first line, and ctypes drops an exception raised
+    there: Ctrl-C would often be lost.  So the C function resumes a generator that waits within `try`.
 
     Args:
-        function: Returns an integer, below zero where it fails.
+        function: Function that returns an integer, below zero if it fails.
 
     Attributes:
-        address: Of the C function, which returns -1 where the Python function raises; valid as long as the
-            object.
-        mail: Where the caller writes the three integers, shape (3,).
+        address: Address of the C function, which returns -1 if the Python function raises; valid as long as
+            the object.
+        mail: Memory to which the caller writes the three integers, shape (3,).
     """
 
     def __init__(self, function: Callable[[int, int, int], int]) -> None:
@@ -34,7 +34,7 @@ class Callback:
         self.address = int(ctypes.cast(self._c_function, ctypes.c_void_p).value or 0)
 
     def raised(self) -> BaseException | None:
-        """Return what the function has raised since the last time, and forget it."""
+        """Return the function's exception since the last call of `raised`, or None, and forget it."""
         error = self._raised[-1] if self._raised else None
         self._raised.clear()
         return error
@@ -43,7 +43,7 @@ class Callback:
 def _answers(
     function: Callable[[int, int, int], int], mail: np.ndarray, raised: list[BaseException]
 ) -> Iterator[int]:
-    """Yield what a function returns for what is in the mail, shape (3,), each time, or -1."""
+    """Yield a function's result for the integers in `mail`, shape (3,), each time, or -1 on an exception."""
     answer = 0
     while True:
         try:
@@ -52,6 +52,6 @@ def _answers(
                 answer = function(*mail.tolist())
         except GeneratorExit:
             return
-        except BaseException as error:  # nothing may pass through compiled code
+        except BaseException as error:  # no exception may pass through compiled code
             raised.append(error)
             answer = -1

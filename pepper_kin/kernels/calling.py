@@ -1,10 +1,10 @@
 """Calls of machine code from Python.
 
-A compiled function is an object of Python's own kind of C functions (`METH_FASTCALL`).  They all share one
-machine code function, `call_from_python`, which reads the arguments after a table, `plan`, refuses wrong
-ones, releases the interpreter's lock, calls, and makes the result's object.  A call costs a tenth of a
-microsecond and some nanoseconds for each array: numbers of an array are found where NumPy's stable C
-interface (`PyArrayObject_fields`) has them.
+A compiled function is a Python object of C functions (`METH_FASTCALL`).  All share one machine code function,
+`call_from_python`, which reads the arguments as described by a table, `plan`, refuses wrong ones, releases
+the interpreter's lock, calls, and makes the result object.  A call costs a tenth of a microsecond and some
+nanoseconds for each array: an array's data are read at the offsets of NumPy's stable C interface
+(`PyArrayObject_fields`).
 """
 
 from __future__ import annotations
@@ -24,13 +24,15 @@ if TYPE_CHECKING:
     from pepper_kin.kernels.compiled_function import CompiledFunction
 
 BLOCK_WORDS = 768
-"""Words for the arguments of a call: one for a number, one and one for each axis for an array."""
+"""Maximum number of words for the arguments of a call: one per number, one plus one per axis per array."""
 
-# The plan: entry, number of arguments, number of steps, kind of result, message for a wrong number, C
-# interface, the interpreter's type of arrays; then the steps.
+# Entries of the plan: address of the entry point, number of arguments, number of steps, kind of result,
+# message for a wrong number, table of the C interface, size of an object's header [bytes], number and types
+# of the results; then the steps.
 ENTRY, COUNT, STEPS, RESULT, WRONG_COUNT, API, HEADER, RESULTS, FIRST_STEP = range(9)
 STEP_WORDS = 6
-# A step: what to read, from which tuple, which of its items; the type it must have; message if it has not.
+# Entries of a step: kind of the value to read, source tuple, index of the item in the tuple, required type,
+# number of axes or fields, message for a wrong type.
 KIND, SOURCE, ITEM, WHAT, AXES, MESSAGE = range(STEP_WORDS)
 INTEGER, UNSIGNED, NUMBER, TRUTH, ARRAY, RECORD = range(6)
 NOTHING, AN_INTEGER, A_NUMBER, A_TRUTH, A_TUPLE = range(5)
@@ -56,15 +58,16 @@ _NAMES = (
     FROM_BOOL, NEW_TUPLE, SET_ITEM, HOLD, TYPE_ERROR, RUNTIME_ERROR, NONE, ARRAY_TYPE, TUPLE_ITEMS, FAILED,
 ) = range(20)  # fmt: skip
 
-# Of `PyArrayObject_fields`, in bytes after the object's header: data, number of axes, lengths, dtype, flags.
+# Offsets in `PyArrayObject_fields` after the object's header [bytes]: data, number of axes, lengths, dtype,
+# flags.
 DATA, AXIS_COUNT, LENGTHS, DTYPE, FLAGS = 0, 8, 16, 40, 48
 CONTIGUOUS_AND_ALIGNED = 0x0001 | 0x0100
-# Of the second word of `PyArray_Descr`: kind, letter and order of bytes, not the flags, and the number of
-# the type.
+# Mask of the second word of `PyArray_Descr`: kind, letter, byte order and number of the type, without flags.
 DTYPE_MASK = -1 ^ 0xFF000000
 
 
 def _no_python(*_: Any) -> Any:
+    """Refuse an interpreted call."""
     raise RuntimeError("only machine code calls this")
 
 
@@ -79,6 +82,7 @@ _set_item = intrinsic(_emit_call("int32", "int64", "int64", "int64"))(lambda add
 
 
 def _emit_stack(typing_context: Any) -> Any:
+    """Return signature and writer of the address of a block of 2 `BLOCK_WORDS` words on the stack."""
     from llvmlite import ir
     from numba import types
 
@@ -101,7 +105,7 @@ def _word(address: int) -> int:
 
 @compiled
 def _refuse(api: Any, kind: int, message: int) -> int:
-    """Set an exception, unless one is set; the result is that of a call that failed."""
+    """Set an exception, unless one is set; return 0, the result of a failed call."""
     if _from_nothing(api[OCCURRED]) == 0:
         _do_two(api[SET_ERROR], api[kind], message)
     return 0
@@ -109,7 +113,7 @@ def _refuse(api: Any, kind: int, message: int) -> int:
 
 @compiled
 def _read_array(step: Any, api: Any, item: int, header: int, block: Any, place: int) -> int:
-    """Write address and lengths of an array; return the next place, or -1 if its type is wrong."""
+    """Write address and lengths of an array to the block; return the next index, or -1 for a wrong type."""
     if _word(item + header - 8) != api[ARRAY_TYPE]:
         return -1
     base = item + header
@@ -154,10 +158,10 @@ def _result(plan: Any, api: Any, address: int) -> int:
 
 @compiled("int64(int64, int64, int64)", by_address=True)
 def call_from_python(itself: int, arguments: int, count: int) -> int:
-    """Call machine code with the arguments of a Python call, given as CPython's METH_FASTCALL has them."""
+    """Call machine code with the arguments of a Python call, in the form of CPython's METH_FASTCALL."""
     header = 16
     plan = words_at(_word(itself + 16), 1 << 30)
-    if plan[HEADER] != 16:  # the plan's own array was read at the wrong place
+    if plan[HEADER] != 16:  # the plan's own array was read at the wrong offset
         header = plan[HEADER]
     api = words_at(plan[API], 32)
     if count != plan[COUNT]:
@@ -214,7 +218,7 @@ class _Method(ctypes.Structure):
 
 
 _FASTCALL = 0x0080
-_kept: list[Any] = []  # what machine code refers to, for as long as the process lives
+_kept: list[Any] = []  # objects to which machine code refers, kept until the process ends
 
 
 @cache
@@ -231,7 +235,7 @@ def _api() -> np.ndarray:
 
 
 def builtin_function(function: CompiledFunction, entry: int) -> Callable[..., Any]:
-    """Return a function that Python calls as it calls its C functions.
+    """Return a function that Python calls like a C function.
 
     Args:
         function: The compiled function.
@@ -259,7 +263,7 @@ def builtin_function(function: CompiledFunction, entry: int) -> Callable[..., An
 
 
 def _steps(name: str, names: tuple[str, ...], arguments: tuple[Argument, ...]) -> Iterator[tuple[Any, ...]]:
-    """The steps that read arguments, each followed by the message that it names by its address."""
+    """Yield the steps that read arguments, each with the objects to which it refers by address."""
     scalars = {"int64": INTEGER, "uint64": UNSIGNED, "float64": NUMBER, "boolean": TRUTH}
     known = [1]
 

@@ -28,8 +28,8 @@ def module_ir(program: Program, parts: Partition, target: Target, dtype: str, *,
     """The text of the LLVM module of a program.
 
     Args:
-        program: What to compile.
-        parts: The same program in chunks.
+        program: The program.
+        parts: The program in chunks.
         target: The processor.
         dtype: "float64" or "float32".
         batch: Whether `kernel_batch` is among the functions.
@@ -46,7 +46,7 @@ def module_ir(program: Program, parts: Partition, target: Target, dtype: str, *,
 
 
 def _library(program: Program, constants: ConstantTable, target: Target) -> list[str]:
-    """The functions that the operations of a program call."""
+    """IR of the functions that the operations of a program call."""
     lanes = constants.lanes
     used = {operation.name for operation in program.operations}
     called = {(LIBRARY_FUNCTIONS[name], OPERAND_COUNT[name]) for name in used if name in LIBRARY_FUNCTIONS}
@@ -63,7 +63,7 @@ _CHUNK_PARAMETERS = f"{_PARAMETERS}, ptr noalias readonly %constants"
 
 
 class _ChunkWriter:
-    """Writes the operations of one chunk; leaves and sines are written when they are first read."""
+    """Writer of the operations of one chunk; leaves and sines are written when they are first read."""
 
     def __init__(self, program: Program, chunk: Chunk, angles: tuple[int, ...], table: ConstantTable) -> None:
         self.writer = Writer(table.lanes, table)
@@ -73,7 +73,7 @@ class _ChunkWriter:
         self._sine_cosine: dict[int, tuple[str, str]] = {}
 
     def compute(self, value: int) -> str:
-        """Name in IR of a value, writing what is needed for it."""
+        """Return the name of a value in IR; operations that it needs are written first."""
         if value not in self._names:
             self._names[value] = self._write(value)
         return self._names[value]
@@ -100,7 +100,7 @@ class _ChunkWriter:
         return sine if name == "sin" else cosine
 
     def _take_sine_cosine(self, argument: int) -> tuple[str, str]:
-        """Sine and cosine of a value, taken already or here: one reduction for both."""
+        """Return sine and cosine of a value, from a slot or computed here by one range reduction."""
         w, operation = self.writer, self._program.operations[argument]
         if operation.name == "input":
             slot = self._angle_slots[int(operation.immediate)]
@@ -115,7 +115,7 @@ def _call_sine_cosine(w: Writer, function: str, argument: str) -> tuple[str, str
 
 
 def _angles_function(angles: tuple[int, ...], constants: ConstantTable) -> str:
-    """The loop that takes sine and cosine of inputs."""
+    """IR of the loop that computes sine and cosine of inputs."""
     w = Writer(constants.lanes, constants)
     table = f"@angles = internal constant [{len(angles)} x i64] [{', '.join(f'i64 {a}' for a in angles)}]\n"
 
@@ -132,6 +132,7 @@ def _angles_function(angles: tuple[int, ...], constants: ConstantTable) -> str:
 
 
 def _chunk_function(program: Program, parts: Partition, index: int, constants: ConstantTable) -> str:
+    """IR of the function of one chunk."""
     chunk = parts.chunks[index]
     body = _ChunkWriter(program, chunk, parts.angles, constants)
     w = body.writer
@@ -154,6 +155,7 @@ def _chunk_function(program: Program, parts: Partition, index: int, constants: C
 
 
 def _block_function(chunk_count: int, lanes: Lanes) -> str:
+    """IR of `kernel_block`, which calls the functions of all chunks."""
     w = Writer(lanes)
     w.line("call void @take_angles(ptr %in, ptr %out, ptr %work, ptr @constants)")
     for index in range(chunk_count):
@@ -163,7 +165,7 @@ def _block_function(chunk_count: int, lanes: Lanes) -> str:
 
 
 def _single_function(program: Program, lanes: Lanes) -> str:
-    """One state: every lane gets it, and the first lane is the result.
+    """IR of `kernel_single`: all lanes get the one state, and the first lane is the result.
 
     A vector operation takes as long as a scalar one, so a second, scalar body would gain nothing.
     The work array holds the inputs, the outputs, then the work array of the block.

@@ -1,4 +1,4 @@
-"""`compiled`: the one way in which Python functions of this library become machine code.
+"""Decorator `compiled`, which turns Python functions of this library into machine code.
 
     @compiled
     def _square(x: float) -> float:
@@ -12,11 +12,11 @@
         return total
 
 A function with a signature can be called from Python; one without is called by compiled functions only.
-Importing a module with such functions imports no compiler: on the first call, the machine code of all
-functions of the module with signatures is looked for in the file that a wheel brings, then in the cache
-folder, and else made, by Numba (`numba_builder`) and LLVM, and kept.  With NUMBA_DISABLE_JIT=1 the same
-source runs interpreted.  With NUMBA_BOUNDSCHECK=1 every index is checked: a wrong one is a RuntimeError, or
-ends the process where machine code called the function by its address.
+Importing a module with compiled functions imports no compiler: on the first call, the machine code of all
+functions of the module with signatures is read from the file of the wheel or from the cache folder, or else
+made by Numba (`numba_builder`) and LLVM, and kept.  With NUMBA_DISABLE_JIT=1 the source runs interpreted.
+With NUMBA_BOUNDSCHECK=1 every index is checked: a wrong one raises RuntimeError, or ends the process if
+machine code called the function by its address.
 """
 
 from __future__ import annotations
@@ -42,13 +42,13 @@ from pepper_kin.kernels.store import find, is_collecting, obtain
 from pepper_kin.kernels.target import Target
 
 INTERPRETER = "NUMBA_DISABLE_JIT"
-"""Environment variable of Numba: 1 runs compiled functions as the Python functions that they are."""
+"""Environment variable of Numba: 1 runs compiled functions as Python functions."""
 
 INTERPRETED = os.environ.get(INTERPRETER, "0") not in ("", "0")
-"""Whether it is 1: for debugging, and for a first result before machine code is made."""
+"""Whether compiled functions run as Python: for debugging, and for a first result without machine code."""
 
 BOUNDS_CHECKED = os.environ.get("NUMBA_BOUNDSCHECK", "0") not in ("", "0")
-"""Whether machine code checks every index: it is other, slower code under other keys, made by Numba."""
+"""Whether machine code checks every index: different, slower code under different keys, made by Numba."""
 
 _PACKAGES = ("pepper_kin",)
 
@@ -57,14 +57,14 @@ class CompiledFunction:
     """A function that runs as machine code.
 
     Attributes:
-        python: The function itself.
-        signature: Types of its result and arguments; None for a function that only compiled ones call.
-        by_address: Whether `address` is that of a C function with the same scalar arguments.
-        lean: Whether it makes and returns no arrays, so that references need not be counted.
-        inline: Whether it is always inlined into its callers.
-        vector: Whether sums may be taken in another order, and no operand is infinite or NaN.
-        symbol: Its name in the object file.
-        unit: Whose object file that is.
+        python: The Python function.
+        signature: Types of its result and arguments; None for a function that only compiled functions call.
+        by_address: Whether `address` is the address of a C function with the same scalar arguments.
+        lean: Whether the function makes and returns no arrays, so that references need not be counted.
+        inline: Whether the function is always inlined into its callers.
+        vector: Whether sums may be reordered, since no operand is infinite or NaN.
+        symbol: Name of the function in the object file.
+        unit: Unit whose object file has the function.
     """
 
     def __init__(
@@ -106,7 +106,7 @@ class CompiledFunction:
 
     @cached_property
     def native(self) -> Callable[..., Any]:
-        """The function as Python calls it fastest."""
+        """Callable of the machine code, the fastest way to call it from Python."""
         if self._call == self._first_call:
             self.load()
         return self._call
@@ -140,7 +140,7 @@ class CompiledFunction:
         return self._dispatcher
 
     def load(self) -> None:
-        """Get the machine code ready."""
+        """Load or make the machine code."""
         from pepper_kin.kernels.calling import builtin_function
 
         code = self.unit.load()
@@ -172,10 +172,12 @@ def compiled(
 
     Args:
         function: The function, or its signature as text (see `signatures`).
-        by_address: Offer it as a C function too; all arguments must be scalars (arrays as addresses).
-        lean: It makes no arrays, returns none and assigns no slices: references to arrays are not counted.
-        inline: It is always inlined into its callers.
-        vector: Products and sums may be contracted, and no operand is infinite or NaN.
+        by_address: Whether it is also offered as a C function; all arguments must be scalars (arrays as
+            addresses).
+        lean: Whether it makes no arrays, returns none and assigns no slices: references to arrays are then
+            not counted.
+        inline: Whether it is always inlined into its callers.
+        vector: Whether products and sums may be contracted, since no operand is infinite or NaN.
     """
 
     def decorate(python: FunctionType) -> CompiledFunction:
@@ -183,7 +185,7 @@ def compiled(
         made = CompiledFunction(python, text, by_address=by_address, lean=lean, inline=inline, vector=vector)
         if text is not None:
             if made.unit.is_loaded or made.symbol in made.unit.symbols:
-                # What has been loaded stays as it is: it does not have a function that comes later.
+                # Code that has been loaded does not have a function that is defined later.
                 made.unit = _units[python.__module__] = Unit(python.__module__)
             made.unit.functions.append(made)
         return made
@@ -194,9 +196,9 @@ def compiled(
 
 
 class Unit:
-    """The functions of a module that have signatures; their machine code is one object file.
+    """Functions of a module with signatures, whose machine code is one object file.
 
-    Functions that are defined after the first call, as in a notebook, are of another unit.
+    Functions that are defined after the first call, as in a notebook, belong to another unit.
     """
 
     def __init__(self, module: str) -> None:
@@ -205,7 +207,7 @@ class Unit:
         self._code: LoadedCode | None = None
 
     def key(self) -> str:
-        """Hash of all that the machine code is made from: sources, constants, signatures, the builder."""
+        """Hash of all inputs of the machine code: sources, constants, signatures, the builder."""
         lines = {f"entry {f.symbol} {f.signature} {f.by_address}" for f in self.functions}
         for own in self.reached().values():
             lines |= own
@@ -214,7 +216,7 @@ class Unit:
         ).hexdigest()
 
     def reached(self) -> dict[str, set[str]]:
-        """Return the ingredients of the functions with signatures, and of all that they call, by symbol."""
+        """Return the ingredients of the functions with signatures, and of their callees, by symbol."""
         reached: dict[str, set[str]] = {}
         waiting = list(self.functions)
         while waiting:
@@ -248,7 +250,7 @@ class Unit:
 
     @property
     def is_loaded(self) -> bool:
-        """Whether the machine code is there."""
+        """Whether the machine code is loaded."""
         return self._code is not None
 
     @property
@@ -261,7 +263,7 @@ _units: dict[str, Unit] = {}
 
 
 def unit_of(module: str) -> Unit:
-    """Return the unit of a module, the last one where there are several."""
+    """Return the unit of a module, the last one if there are several."""
     if module not in _units:
         _units[module] = Unit(module)
     return _units[module]
@@ -273,9 +275,9 @@ def units() -> list[Unit]:
 
 
 def ingredients(function: CompiledFunction) -> tuple[set[str], list[CompiledFunction]]:
-    """Return what a function's code is made from, as lines of text, and the compiled functions it calls.
+    """Return the inputs of a function's code, as lines of text, and the compiled functions it calls.
 
-    The sources of those are not among the lines.
+    The lines do not contain the sources of the called functions.
     """
     python = function.python
     lines = {
@@ -297,7 +299,7 @@ def ingredients(function: CompiledFunction) -> tuple[set[str], list[CompiledFunc
 
 
 def _named_values(function: FunctionType) -> Iterator[tuple[str, Any]]:
-    """The values of the globals that a function's code names, and of attributes of our modules."""
+    """Yield names and values of the globals in a function's code, and of attributes of our modules."""
     names: set[str] = set()
     codes: list[CodeType] = [function.__code__]
     while codes:
@@ -320,7 +322,7 @@ def _named_values(function: FunctionType) -> Iterator[tuple[str, Any]]:
 
 
 def _described(value: object) -> str | None:
-    """Text that changes with a constant's value; None for what cannot change machine code."""
+    """Return a text that changes with a constant's value; None for a value without effect on machine code."""
     if value is None or isinstance(value, (bool, int, float, str, tuple, np.number)):
         return repr(value)
     if isinstance(value, np.ndarray):
@@ -332,6 +334,7 @@ def _described(value: object) -> str | None:
 
 
 def _is_record(kind: type) -> bool:
+    """Return whether a class is a NamedTuple that compiled functions can take."""
     try:
         record_of(kind)
     except TypeError:
@@ -340,7 +343,7 @@ def _is_record(kind: type) -> bool:
 
 
 def _source_digest(function: FunctionType) -> str:
-    """Hash of the source of a function, or of its code where there is none, as in a notebook."""
+    """Return a hash of a function's source, or of its code without a source file, as in a notebook."""
     path = getattr(sys.modules.get(function.__module__), "__file__", None)
     if path and Path(path).is_file():
         return function_digest(str(path), function.__qualname__)
@@ -348,13 +351,13 @@ def _source_digest(function: FunctionType) -> str:
 
 
 def runtime_path() -> Path:
-    """The file of what stands in place of Numba's run time."""
+    """Return the path of the IR file that replaces Numba's run time."""
     return Path(__file__).with_name("data") / "runtime.ll"
 
 
 @cache
 def builder_digest() -> str:
-    """Hash of the files here that decide what portable code is made of a function."""
+    """Return a hash of the source files here that determine portable code."""
     names = ["numba_builder", "compiled_function", "signatures", "intrinsics", "lanes", "records"]
     names += ["tables", "calling"]
     runtime = hashlib.sha256(runtime_path().read_bytes().replace(b"\r\n", b"\n")).hexdigest()
@@ -362,7 +365,7 @@ def builder_digest() -> str:
 
 
 def _back_end_digest() -> str:
-    """Hash of the files here that decide what machine code is made of portable code."""
+    """Return a hash of the source files here that determine machine code, given portable code."""
     return _digest_of(("compiler", "target"))
 
 
@@ -372,7 +375,7 @@ def _digest_of(names: Sequence[str]) -> str:
 
 
 def _callback(function: CompiledFunction) -> Any:
-    """Return a C function that calls the Python function, where machine code is switched off."""
+    """Return a C function that calls the Python function, for interpreted runs."""
     assert function.signature is not None
     kinds = {"float64": ctypes.c_double}
     scalars = [kinds.get(a.name, ctypes.c_int64) for a in function.signature.arguments]  # type: ignore[union-attr]

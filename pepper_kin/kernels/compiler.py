@@ -1,4 +1,4 @@
-"""From IR to machine code in memory, through an object file that can be kept."""
+"""Compilation of IR to object files, and loading of object files as machine code."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ import llvmlite.binding as llvm
 from pepper_kin.kernels.target import Target
 
 LOADING = threading.RLock()
-"""Held while machine code is made or loaded: LLVM's own thread safety covers compiling, not creating engines
-and targets side by side.  A process forks when no thread does either, so that children can."""
+"""Lock held while machine code is made or loaded: LLVM is thread-safe in compiling, but not in creating
+engines and targets concurrently.  A process forks while the lock is free, so that children can compile."""
 
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(
@@ -25,8 +25,8 @@ class LoadedCode:
     """Machine code that is ready to run; it lives as long as this object.
 
     Args:
-        object_code: An object file, as made by `compile_ir`.
-        target: The processor it was made for.
+        object_code: An object file of `compile_ir`.
+        target: The processor for which it was made.
     """
 
     def __init__(self, object_code: bytes, target: Target) -> None:
@@ -51,9 +51,9 @@ def compile_portable(parts: Sequence[bytes], target: Target, symbols: Sequence[s
     """Translate entry points of portable code, and what they call, to an object file for a processor.
 
     Args:
-        parts: Bitcode of all functions, as `numba_builder.portable_parts` makes it.
+        parts: Bitcode of all functions, from `numba_builder.portable_parts`.
         target: The processor.
-        symbols: Names of the entry points; those of C functions, which end in `_direct`, come with them.
+        symbols: Names of the entry points; their C functions, whose names end in `_direct`, are included.
 
     Raises:
         RuntimeError: The functions need more than the C library.
@@ -65,7 +65,7 @@ def compile_portable(parts: Sequence[bytes], target: Target, symbols: Sequence[s
             module.link_in(llvm.parse_bitcode(part))
         module.triple, module.data_layout = target.triple, str(machine.target_data)
         keep_entries(module, symbols)
-        for vectorize in (False, True):  # the first run inlines what the unit alone calls; loops come after
+        for vectorize in (False, True):  # the first run inlines, the second vectorizes loops
             tuning = llvm.create_pipeline_tuning_options(speed_level=3)
             tuning.loop_vectorization = tuning.slp_vectorization = tuning.loop_unrolling = vectorize
             builder = llvm.create_pass_builder(machine, tuning)
@@ -83,7 +83,7 @@ def compile_portable(parts: Sequence[bytes], target: Target, symbols: Sequence[s
 
 
 def keep_entries(module: llvm.ModuleRef, symbols: Sequence[str]) -> None:
-    """Export only the entry points of a module: all else is inlined into its callers, or removed."""
+    """Export only the entry points of a module: other functions are inlined into callers, or removed."""
     names = {name for symbol in symbols for name in (symbol, symbol + "_direct")}
     for function in module.functions:
         if not function.is_declaration:
@@ -94,13 +94,13 @@ def keep_entries(module: llvm.ModuleRef, symbols: Sequence[str]) -> None:
 
 
 def assembly(ir: str, target: Target) -> str:
-    """The same code as `compile_ir` makes, as assembly text to read."""
+    """Return the code of `compile_ir` as assembly text to read."""
     with LOADING:
         return str(target_machine(target).emit_assembly(_parsed(ir)))
 
 
 def _parsed(ir: str) -> llvm.ModuleRef:
-    """The module as written.
+    """Return the module of an IR text, unoptimized.
 
     No optimization passes run on it: the writer has folded constants and shared values already, and LLVM's
     standard pipeline doubled the time of compiling without making any kernel faster (measured).
@@ -119,7 +119,7 @@ def target_machine(target: Target, opt: int = 1) -> llvm.TargetMachine:
 
 
 def _is_known(name: str) -> bool:
-    """Whether a function is LLVM's or the C library's."""
+    """Return whether a function belongs to LLVM or the C library."""
     return name.startswith("llvm.") or name in _C_LIBRARY
 
 
@@ -137,6 +137,7 @@ _C_LIBRARY = frozenset(
 
 @cache
 def _initialize(native: bool) -> None:
+    """Initialize LLVM for this platform, or for all platforms."""
     if native:
         llvm.initialize_native_target()
         llvm.initialize_native_asmprinter()

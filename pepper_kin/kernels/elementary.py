@@ -1,4 +1,4 @@
-"""IR of every operation on vectors: a few instructions where the processor has them, else the C library.
+"""IR of the operations on vectors: a few instructions if the processor has them, else the C library.
 
 Arithmetic carries the flag `contract` only: a product and a sum may become one fused instruction (which
 rounds once, so it is more exact), but nothing is reassociated, and NaN, infinities and signed zeros keep
@@ -45,7 +45,7 @@ def emit_operation(w: Writer, name: str, operands: list[str]) -> str:
     """Write one operation other than a leaf, "sin", "cos" and "tan".
 
     Args:
-        w: Where to write.
+        w: Writer of the function.
         name: Name of the operation.
         operands: Names of its operands in IR.
 
@@ -90,13 +90,13 @@ def library_function(lanes: Lanes, name: str, operand_count: int) -> str:
 
 
 def library_declaration(lanes: Lanes, name: str, operand_count: int) -> str:
-    """IR that declares a function of the C library: `double name(double, ...)`, or the same of `float`."""
+    """IR that declares a C library function: `double name(double, ...)`, or with `float`."""
     ending = "" if lanes.dtype == "float64" else "f"
     return f"declare {lanes.scalar} @{name}{ending}({', '.join([lanes.scalar] * operand_count)}) nounwind\n"
 
 
 def intrinsic_declarations(lanes: Lanes) -> str:
-    """IR that declares LLVM's own functions that are used here."""
+    """IR that declares the LLVM intrinsics that are used here."""
     v = lanes.vector
     counts = {
         "sqrt": 1,
@@ -123,7 +123,7 @@ def _is_true(w: Writer, operand: str) -> str:
 
 
 def _sign(w: Writer, x: str) -> str:
-    """-1, +1, or x itself where it is neither negative nor positive (zeros, NaN)."""
+    """-1, +1, or x if it is neither negative nor positive (zeros, NaN)."""
     lanes, v = w.lanes, w.lanes.vector
     positive = w.value(f"fcmp ogt {v} {x}, zeroinitializer")
     negative = w.value(f"fcmp olt {v} {x}, zeroinitializer")

@@ -1,4 +1,4 @@
-"""A compiled function as a value: machine code and what is needed to call it."""
+"""Compiled function as a value: machine code and the data needed to call it."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ class KernelImage:
         signature: Names and shapes of inputs and outputs.
         dtype: "float64" or "float32".
         lanes: Number of states in one vector.
-        work_size: Numbers that the block function needs as workspace.
-        flop_count: Arithmetic operations of one state; a sine counts as one.
+        work_size: Size of the workspace that the block function needs, in numbers.
+        flop_count: Number of arithmetic operations for one state; a sine counts as one.
         object_code: The object file.
     """
 
@@ -31,7 +31,7 @@ class KernelImage:
     object_code: bytes
 
     def to_bytes(self) -> bytes:
-        """One line of JSON, then the object file."""
+        """Return the image as bytes: one line of JSON, then the object file."""
         fields = {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name != "object_code"}
         return (
             json.dumps(fields | {"signature": dataclasses.asdict(self.signature)}).encode()
@@ -41,7 +41,7 @@ class KernelImage:
 
     @classmethod
     def from_bytes(cls, data: bytes) -> KernelImage:
-        """The inverse of `to_bytes`.
+        """Return the image of bytes from `to_bytes`.
 
         Raises:
             ValueError, KeyError, TypeError: The bytes are not an image.
@@ -53,5 +53,5 @@ class KernelImage:
 
 
 def _as_tuples(value: object) -> object:
-    """JSON's lists as the tuples that they were."""
+    """Return nested lists from JSON as tuples."""
     return tuple(map(_as_tuples, value)) if isinstance(value, list) else value

@@ -1,11 +1,11 @@
 """Reading a CasADi `SX` function as a list of scalar operations.
 
-An `SXFunction` holds a flat list of scalar instructions on a small set of registers that are used again and
-again.  `read_program` turns that list into single assignment form: operation `k` defines value `k`, its
-operands are earlier values, and equal operations are merged.  Constants and inputs are values as well.
+An `SXFunction` holds a flat list of scalar instructions on a small set of reused registers.  `read_program`
+converts the list to single assignment form: operation `k` defines value `k`, its operands are earlier values,
+and equal operations are merged.  Constants and inputs are values as well.
 
-Elements of inputs and outputs are numbered in the order in which NumPy stores the dense arrays (row-major,
-all inputs one after the other), not in CasADi's column-major order of the non-zeros.
+Elements of inputs and outputs are numbered in NumPy's order of the dense arrays (row-major, all inputs one
+after the other), not in CasADi's column-major order of the non-zeros.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ OPERAND_COUNT: dict[str, int] = {
     **dict.fromkeys(("not", "floor", "ceil", "fabs", "sign", "erf", "inv", "sinh", "cosh", "tanh"), 1),
     **dict.fromkeys(("asinh", "acosh", "atanh", "log1p", "expm1"), 1),
 }
-"""Every operation that can be compiled, named as in CasADi (`OP_ADD` is "add"): its number of operands."""
+"""Number of operands of each operation that can be compiled, named as in CasADi (`OP_ADD` is "add")."""
 
 SUPPORTED_OPERATIONS: tuple[str, ...] = tuple(sorted(OPERAND_COUNT))
 """Names of the operations that can be compiled."""
@@ -38,7 +38,7 @@ _ALIASES = frozenset(("assign", "lift"))  # lift(x, guess) is x; the guess is fo
 
 
 class UnsupportedInstructionError(PepperKinError):
-    """A function holds an instruction that cannot be compiled.
+    """Error for a function with an instruction that cannot be compiled.
 
     Attributes:
         operation: Name of the instruction.
@@ -55,11 +55,11 @@ class UnsupportedInstructionError(PepperKinError):
 
 
 class Operation(NamedTuple):
-    """One scalar operation; its number in the list is the number of the value it defines.
+    """One scalar operation; its index in the list is the index of the value that it defines.
 
     Attributes:
         name: "const", "input", or a key of `OPERAND_COUNT`.
-        operands: Numbers of the values it reads.
+        operands: Indices of the values that it reads.
         immediate: The constant of "const", the element number of "input", else 0.
     """
 
@@ -69,7 +69,7 @@ class Operation(NamedTuple):
 
     @property
     def is_leaf(self) -> bool:
-        """Whether it reads no value (a constant or an input): cheap to repeat wherever it is needed."""
+        """Whether the operation reads no value (a constant or an input), so that it is cheap to repeat."""
         return not self.operands
 
 
@@ -108,9 +108,9 @@ class Program:
 
     Attributes:
         signature: Names and shapes.
-        operations: The operations, each after the ones it reads.
-        outputs: For every element of all outputs, row-major and one output after the other, the number of its
-            value, or None for a structural zero.
+        operations: The operations, each after its operands.
+        outputs: Index of the value of every element of all outputs, row-major and one output after the other,
+            or None for a structural zero.
     """
 
     signature: Signature
@@ -119,7 +119,7 @@ class Program:
 
     @property
     def flop_count(self) -> int:
-        """Arithmetic operations of one evaluation; sine, cosine and the like count as one each."""
+        """Number of arithmetic operations of one evaluation; elementary functions count as one each."""
         free = ("const", "input", "neg", "fabs", "copysign")
         return sum(operation.name not in free for operation in self.operations)
 
@@ -128,10 +128,10 @@ def read_program(function: casadi.Function) -> Program:
     """Read a CasADi function.
 
     Args:
-        function: An `SXFunction` (of an MX function, pass `function.expand()`).
+        function: An `SXFunction` (for an MX function, pass `function.expand()`).
 
     Returns:
-        The same computation as a list of operations.
+        The function as a list of operations.
 
     Raises:
         InvalidValueError: It is not an `SXFunction`, or has free variables.
@@ -195,7 +195,7 @@ def _shape(size: tuple[int, int]) -> tuple[int, int]:
 
 
 class _Builder:
-    """Grows the list of operations; an operation seen before is not added again."""
+    """Builder of the list of operations, without duplicates."""
 
     def __init__(self, function_name: str) -> None:
         self.operations: list[Operation] = []
@@ -203,12 +203,12 @@ class _Builder:
         self._numbers: dict[object, int] = {}
 
     def leaf(self, name: str, immediate: float) -> int:
-        """Return the number of an input or constant, made once."""
-        # 0.0 == -0.0 and nan != nan: the text of the number is the key that keeps them apart.
+        """Return the index of an input or constant, added once."""
+        # 0.0 == -0.0 and nan != nan: the text of the number is a key that distinguishes them.
         return self._add(Operation(name, (), immediate), (name, repr(immediate)))
 
     def operation(self, name: str, operands: list[int]) -> int:
-        """Return the number of an operation on earlier ones, made once."""
+        """Return the index of an operation on earlier values, added once."""
         if name not in OPERAND_COUNT:
             raise UnsupportedInstructionError(name, self._function_name)
         operation = Operation(name, tuple(operands[: OPERAND_COUNT[name]]))

@@ -2,7 +2,7 @@
 
 Python runs the handlers of signals between its own instructions, so not while machine code runs.  Machine
 code that may take long calls `interrupted` several times a second; after its return `raise_interrupt` raises
-what the handler raised.
+the handler's exception.
 """
 
 from __future__ import annotations
@@ -20,12 +20,13 @@ PULSE = 0.1
 """Time between two checks [s]."""
 
 ENSURE, RELEASE, CHECK, FETCH, STOPPED, RAISED = 0, 1, 2, 3, 4, 5
-"""Places in a table: addresses of the interpreter's functions, whether to stop, and the exception (3)."""
+"""Indices into a table: addresses of the interpreter's functions, stop flag, and exception (3 words)."""
 
 _NAMES = ("PyGILState_Ensure", "PyGILState_Release", "PyErr_CheckSignals", "PyErr_Fetch")
 
 
 def _nothing(*_: Any) -> int:
+    """Return 0: interpreted code needs no check, since Python handles signals itself."""
     return 0
 
 
@@ -34,7 +35,7 @@ _CALL = ctypes.CFUNCTYPE(ctypes.c_int64)
 
 @intrinsic(_emit_call("int64"))
 def call_back(address: int) -> int:
-    """Call `int64 f()` at an address, such as that of a `pepper_kin.kernels.callback.Callback`."""
+    """Call `int64 f()` at an address, such as `address` of a `pepper_kin.kernels.callback.Callback`."""
     return int(_CALL(address)())
 
 
@@ -43,7 +44,7 @@ _tell = intrinsic(_emit_call(None, "int32"))(_nothing)
 
 
 def interrupt_table() -> Ints1:
-    """Return a new table for `interrupted`, shape (8,); one for each call that runs at the same time."""
+    """Return a new table for `interrupted`, shape (8,); concurrent calls need a table each."""
     table = np.zeros(8, np.int64)
     if not INTERPRETED:
         for place, name in enumerate(_NAMES):
@@ -53,7 +54,7 @@ def interrupt_table() -> Ints1:
 
 @compiled
 def interrupted(table: Ints1) -> bool:
-    """Whether a signal's handler has raised; the table, shape (8,), keeps the exception and a stop flag."""
+    """Return whether a signal's handler has raised; the table, shape (8,), keeps exception and stop flag."""
     if table[ENSURE] == 0:
         return False
     state = _ask(table[ENSURE])
@@ -74,4 +75,4 @@ def raise_interrupt(table: Ints1) -> None:
         table[RAISED:] = 0
         ctypes.pythonapi.PyErr_Restore(
             *kept
-        )  # ctypes raises what is set when a function of this kind returns
+        )  # ctypes raises an exception that is set when a `pythonapi` function returns

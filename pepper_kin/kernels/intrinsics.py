@@ -12,11 +12,11 @@ from pepper_kin.kernels.signatures import Floats1, Ints1
 
 
 class Intrinsic:
-    """A function that is a few LLVM instructions where compiled, and the Python function where interpreted.
+    """A function that is a few LLVM instructions if compiled, and a Python function if interpreted.
 
     Attributes:
         python: The Python function.
-        described: Its name, for the key of machine code that uses it.
+        described: Name of the function, for the key of machine code that uses it.
     """
 
     def __init__(self, python: Callable[..., Any], make: Callable[[], Any]) -> None:
@@ -41,7 +41,7 @@ class Intrinsic:
 
 
 def intrinsic(make: Callable[..., Any]) -> Callable[[Callable[..., Any]], Intrinsic]:
-    """Decorate a Python function whose compiled form `make` writes, as Numba's `intrinsic` takes it."""
+    """Decorate a Python function whose compiled form `make` writes, a function for Numba's `intrinsic`."""
 
     def decorate(python: Callable[..., Any]) -> Intrinsic:
         def made() -> Any:
@@ -55,7 +55,7 @@ def intrinsic(make: Callable[..., Any]) -> Callable[[Callable[..., Any]], Intrin
 
 
 def in_all_lanes(builder: Any, value: Any, vector: Any) -> Any:
-    """Write what puts a number into all lanes of a type of vectors."""
+    """Write the instructions that put a number into all lanes of a vector; return the vector."""
     from llvmlite import ir
 
     nothing = ir.Constant(vector, ir.Undefined)
@@ -65,7 +65,7 @@ def in_all_lanes(builder: Any, value: Any, vector: Any) -> Any:
 
 
 def _emit_call(result: str | None, *arguments: str) -> Callable[..., Any]:
-    """Return what writes a call of a C function at an address; all arguments are scalars of these names."""
+    """Return a writer of a call of a C function at an address; `arguments` names the scalar types."""
 
     def write(typing_context: Any, address: Any, *operands: Any) -> Any:
         from llvmlite import ir
@@ -125,7 +125,7 @@ def call_clock(address: int, clock: int, place: int) -> int:
 
 
 def _emit_array(dtype: str) -> Callable[..., Any]:
-    """Return what writes an array over memory at an address."""
+    """Return a writer of an array over memory at an address."""
 
     def make(typing_context: Any, address: Any, count: Any) -> Any:
         from llvmlite import ir

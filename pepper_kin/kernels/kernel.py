@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     import casadi
 
 CHUNK_LENGTH = 200
-"""Operations per compiled function, at most; longer programs are cut."""
+"""Maximum number of operations of a compiled function; longer programs are cut."""
 
 _BATCH = ctypes.CFUNCTYPE(
     ctypes.c_int64,
@@ -53,18 +53,18 @@ class Kernel:
     * `void block(const f64* in, f64* out, f64* work)` at `block_address`: W states, `in[k * W + lane]`.
     * `int64 batch(const f64* const* inputs, const int64* input_strides, f64* const* outputs,
       const int64* output_strides, int64 count, f64* work)` at `batch_address`: `count` states in row-major
-      arrays, strides in elements from row to row; the result is not zero if an input held NaN, an infinity or
-      a number beyond 1e9, and may be not zero where many are nearly as large.
+      arrays, strides in elements from row to row; the result is nonzero if an input held NaN, an infinity or
+      a number beyond 1e9, and may be nonzero if many numbers are nearly as large.
 
-    `work` is an array of `work_size` numbers, one per thread; it needs no initial content, and no
-    alignment beyond that of a number (64 bytes is fastest).  The addresses are valid while the kernel lives.
+    `work` is an array of `work_size` numbers, one per thread; it needs no initial content, and only the
+    alignment of a number (64 bytes is fastest).  The addresses are valid while the kernel lives.
 
     Attributes:
         signature: Names and shapes of inputs and outputs.
         dtype: Number format of inputs and outputs, float64 or float32.
         lanes: Number of states that one vector holds.
         work_size: Size of `work`, in numbers of `dtype`.
-        flop_count: Arithmetic operations for one state; a sine counts as one.
+        flop_count: Number of arithmetic operations for one state; a sine counts as one.
         from_cache: Whether the code was read from disk.
         single_address: Address of `single`.
         block_address: Address of `block`.
@@ -96,18 +96,19 @@ class Kernel:
         """Evaluate the function for every state.
 
         Args:
-            inputs: One array per input, shape (..., rows) where the function has a column vector, else
-                (..., rows, columns).  Leading axes must agree; an input without any is shared by all states.
+            inputs: One array per input, shape (..., rows) if the function has a column vector, else
+                (..., rows, columns).  Leading axes must agree; an input without leading axes holds for all
+                states.
                 Other real dtypes and layouts are converted; rows that are contiguous are read in place.
             out: Array for the result (a sequence of arrays for several outputs) of the right shape and dtype.
             threads: Number of threads that share the states.  The result does not depend on it.
-            check_finite: Refuse NaN and infinities.  If one is found, `out` has been written to.
-            check_large: Called instead where inputs hold NaN, an infinity or a number beyond 1e9, and
-                sometimes where many are nearly as large: refuses what the caller does not take.
+            check_finite: Whether NaN and infinities are refused.  If one is found, `out` has been written to.
+            check_large: Function that is called instead if inputs hold NaN, an infinity or a number beyond
+                1e9, and sometimes if many are nearly as large: it raises for inputs that the caller refuses.
 
         Returns:
-            Shape (..., rows) or (..., rows, columns); a tuple of arrays unless there is exactly one output.
-            Structural zeros are exact zeros.
+            Results, shape (..., rows) or (..., rows, columns); a tuple of arrays unless there is exactly one
+            output.  Structural zeros are exact zeros.
 
         Raises:
             InvalidValueError: An argument has the wrong shape or type, or is not finite.
@@ -127,14 +128,14 @@ class Kernel:
     def address_of(self, function: str, *, inputs: int, outputs: int, work: int) -> int:
         """Return the address of a function for a caller whose buffers are large enough for it.
 
-        All callers in machine code get addresses here, so that no code runs on the buffers of another: of
-        another robot, say, or of other tasks.
+        All callers in machine code get addresses here, so that no code runs on buffers made for another
+        kernel, such as one of another robot or of other tasks.
 
         Args:
             function: "single", "block" or "batch".
-            inputs: Numbers of one state in the input buffers, all together; exactly those of the signature.
-            outputs: Numbers of one state that the output buffers hold.
-            work: Numbers that the work buffer holds.
+            inputs: Number of elements of one state in all input buffers; exactly the signature's number.
+            outputs: Number of elements of one state in all output buffers.
+            work: Size of the work buffer, in numbers.
 
         Raises:
             InvalidValueError: A buffer does not fit; names the kernel and the buffer.
@@ -200,13 +201,13 @@ def compile_function(
     Args:
         function: A function of SX expressions (`function.expand()` of an MX function).  With a `key`, it may
             also be a callable without arguments that makes one; it is called only if the cache has no code.
-        dtype: "float64" or "float32": the format of inputs, outputs and of everything between.
-        key: Name under which the code is cached.  It must change whenever the function does.  Without it, the
+        dtype: "float64" or "float32": format of inputs, outputs and intermediate values.
+        key: Name under which the code is cached.  It must change whenever the function does.  If omitted, the
             function's serialized expression is the key.
         cache: Whether to read and write the cache on disk.
-        target: Processor to compile for: the one this runs on, or one with fewer instructions.
-        vector_bytes: Width of the vectors of lanes [bytes], for callers that need a certain number of lanes.
-            The processor's own if left out.
+        target: Processor to compile for: this machine's, or one with fewer instructions.
+        vector_bytes: Width of the vectors of lanes [bytes], for callers that need a certain number of lanes;
+            the processor's if omitted.
         batch: Whether the kernel can be called with arrays; without, only compiled code calls it, by address.
 
     Raises:
@@ -234,14 +235,14 @@ def _key(content: str, dtype: str) -> str:
     """Hash of a function's content, the format, and the source of the code generator itself."""
     digest = hashlib.sha256(_source_digest())
     for text in (content, dtype, str(CHUNK_LENGTH)):
-        data = text.encode("utf-8", "surrogatepass")  # what is unknown is refused when it is made
+        data = text.encode("utf-8", "surrogatepass")  # an unknown dtype is refused by the compilation
         digest.update(len(data).to_bytes(8, "little") + data)
     return digest.hexdigest()
 
 
 @cache
 def _source_digest() -> bytes:
-    """Hash of the files here that decide what machine code is made from an expression."""
+    """Return a hash of the source files here that determine machine code, given an expression."""
     names = (
         "arrays batch codegen compiler elementary image instructions kernel partition squares streaming"
         " target trigonometry writer"
@@ -255,7 +256,7 @@ def _widened(target: Target, vector_bytes: int | None) -> Target:
 
 
 def _made(function: casadi.Function | Callable[[], casadi.Function]) -> casadi.Function:
-    """The function itself, or what the callable makes."""
+    """Return the function itself, or the function that the callable makes."""
     return cast("casadi.Function", function if hasattr(function, "class_name") else function())
 
 
@@ -269,6 +270,7 @@ def kernel_ir(function: casadi.Function, *, dtype: str = "float64", target: Targ
 
 
 def _compile(function: casadi.Function, target: Target, dtype: str, batch: bool) -> KernelImage:
+    """Return the image of a CasADi function, compiled for a processor."""
     from pepper_kin.kernels.codegen import module_ir
     from pepper_kin.kernels.partition import partition
     from pepper_kin.kernels.streaming import staging_size
@@ -287,7 +289,7 @@ def _no_batch(*_: object) -> int:
 
 
 def _pack(numbers: Sequence[int]) -> bytes:
-    """A C array of int64 (or of pointers, which have that size); ctypes passes the address of bytes."""
+    """Return a C array of int64 (or of pointers, of the same size) as bytes; ctypes passes their address."""
     return struct.pack(f"={len(numbers)}q", *numbers)
 
 

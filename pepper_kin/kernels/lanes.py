@@ -1,11 +1,11 @@
-"""Eight floats side by side, one value per lane, as compiled functions compute with them.
+"""Vectors of eight floats, one value per lane, for compiled functions.
 
     x = load_lanes(address)  # eight float32, one after the other (`records`)
     store_lanes(address, lane_minimum(x * spread(2.0), x + x))
 
 Sums, differences, products and quotients of lanes, and of lanes and numbers, are written as usual; products
-and sums may be contracted.  Compiled, such a value is one vector register (two of half the width on
-processors without AVX); interpreted, it is an array of eight float32.
+and sums may be contracted.  Compiled, the eight floats are one vector register (two of half the width on
+processors without AVX); interpreted, they are an array of eight float32.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from pepper_kin.kernels.intrinsics import in_all_lanes, intrinsic
 from pepper_kin.kernels.records import DOUBLES, SINGLES, WORDS, FieldKind, RecordView, single
 
 LANES = 8
-"""Values side by side."""
+"""Number of values of a vector."""
 LANE_BYTES = 4 * LANES
-"""Bytes of such a value in memory."""
+"""Size of a vector in memory [bytes]."""
 
 Lanes: TypeAlias = NDArray[np.float32]
 
@@ -37,7 +37,7 @@ def _vector() -> Any:
 
 
 def lanes_type() -> Any:
-    """Return Numba's type of such values; made once, with its operators."""
+    """Return Numba's type of vectors of lanes; made once, with its operators."""
     if not _made:
         _made.append(_register())
     return _made[0]
@@ -47,6 +47,7 @@ _made: list[Any] = []
 
 
 def _register() -> Any:
+    """Make Numba's type of vectors of lanes, and register its operators; return it."""
     from numba import types
     from numba.core.datamodel import models
     from numba.core.typing.templates import AbstractTemplate, infer_global, signature
@@ -101,6 +102,8 @@ def _register() -> Any:
 
 
 def _emit_unary(name: str) -> Callable[..., Any]:
+    """Return a writer of an LLVM intrinsic of one vector."""
+
     def make(typing_context: Any, x: Any) -> Any:
         from llvmlite import ir
 
@@ -118,6 +121,8 @@ def _emit_unary(name: str) -> Callable[..., Any]:
 
 
 def _emit_extreme(sign: str) -> Callable[..., Any]:
+    """Return a writer of the minimum ("<") or maximum (">") in each lane."""
+
     def make(typing_context: Any, x: Any, y: Any) -> Any:
         kind = lanes_type()
 
@@ -130,6 +135,7 @@ def _emit_extreme(sign: str) -> Callable[..., Any]:
 
 
 def _emit_spread(typing_context: Any, value: Any) -> Any:
+    """Return signature and writer of a vector with a number in all lanes."""
     from numba import types
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
@@ -139,6 +145,7 @@ def _emit_spread(typing_context: Any, value: Any) -> Any:
 
 
 def _emit_below(typing_context: Any, x: Any, y: Any) -> Any:
+    """Return signature and writer of the bit mask of the lanes where x < y."""
     from llvmlite import ir
     from numba import types
 
@@ -151,6 +158,8 @@ def _emit_below(typing_context: Any, x: Any, y: Any) -> Any:
 
 
 def _emit_reduction(name: str) -> Callable[..., Any]:
+    """Return a writer of an LLVM reduction of a vector to one number."""
+
     def make(typing_context: Any, x: Any) -> Any:
         from llvmlite import ir
         from numba import types
@@ -167,6 +176,7 @@ def _emit_reduction(name: str) -> Callable[..., Any]:
 
 
 def _emit_lowest(typing_context: Any, bits: Any) -> Any:
+    """Return signature and writer of the index of the lowest set bit."""
     from llvmlite import ir
     from numba import types
 
@@ -181,13 +191,13 @@ lanes = FieldKind("float32", LANE_BYTES, lanes=LANES, side_by_side=lanes_type)
 TRIPLES = RecordView("TRIPLES", xyz=3 * lanes)
 """Rows of three values in lanes: points or directions."""
 ONE_LANE = RecordView("ONE_LANE", xyz=3 * single.padded(LANE_BYTES))
-"""One lane of such a row, at `SINGLES.at(row, lane)`."""
+"""One lane of a row of `TRIPLES`, at `SINGLES.at(row, lane)`."""
 
 load_lanes, store_lanes = (_LANES := RecordView("LANES", value=lanes)).value, _LANES.set_value
 single_at, store_single = SINGLES.value, SINGLES.set_value
 double_at, store_double = DOUBLES.value, DOUBLES.set_value
 word_at, store_word = WORDS.value, WORDS.set_value
-"""Values by address: `load(address, k=0)`, the k-th from there on, and `store(address, value, k=0)`."""
+"""Access by address: `load(address, k=0)`, the k-th value from there, and `store(address, value, k=0)`."""
 
 
 @intrinsic(_emit_spread)
@@ -198,13 +208,13 @@ def spread(value: float) -> Lanes:
 
 @intrinsic(_emit_extreme("<"))
 def lane_minimum(x: Lanes, y: Lanes) -> Lanes:
-    """Return the lesser in each lane."""
+    """Return the minimum in each lane."""
     return np.minimum(x, y)
 
 
 @intrinsic(_emit_extreme(">"))
 def lane_maximum(x: Lanes, y: Lanes) -> Lanes:
-    """Return the greater in each lane."""
+    """Return the maximum in each lane."""
     return np.maximum(x, y)
 
 
@@ -222,29 +232,29 @@ def lane_sqrt(x: Lanes) -> Lanes:
 
 @intrinsic(_emit_unary("rint"))
 def lane_round(x: Lanes) -> Lanes:
-    """Return the nearest whole number in each lane."""
+    """Return the nearest integer in each lane."""
     return np.rint(x)
 
 
 @intrinsic(_emit_below)
 def lanes_below(x: Lanes, y: Lanes) -> int:
-    """Return the bits of the lanes where x < y; bit i is that of lane i."""
+    """Return a bit mask of the lanes where x < y; bit i belongs to lane i."""
     return int(np.packbits(np.asarray(x < y), bitorder="little")[0])
 
 
 @intrinsic(_emit_reduction("fmin"))
 def least_lane(x: Lanes) -> float:
-    """Return the least of the eight numbers."""
+    """Return the minimum of the eight numbers."""
     return float(x.min())
 
 
 @intrinsic(_emit_reduction("fmax"))
 def greatest_lane(x: Lanes) -> float:
-    """Return the greatest of the eight numbers."""
+    """Return the maximum of the eight numbers."""
     return float(x.max())
 
 
 @intrinsic(_emit_lowest)
 def lowest_bit(bits: int) -> int:
-    """Return the place of the lowest bit of a number other than 0."""
+    """Return the index of the lowest set bit of a number other than 0."""
     return (int(bits) & -int(bits)).bit_length() - 1

@@ -1,7 +1,7 @@
 """Memory for results.
 
-New memory is slow: the system clears every page of it, which takes as long as a kernel does.  Large arrays
-are therefore taken from the memory of an earlier result, once that result is no longer in use.
+New memory is slow: the system clears every page, which takes as long as a kernel.  Large arrays therefore
+reuse the memory of an earlier result, once that result is no longer in use.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ import threading
 import numpy as np
 
 ALIGNMENT = 64
-"""Of all arrays [bytes]: one cache line, and the longest vector."""
+"""Alignment of all arrays [bytes]: one cache line, and the longest vector."""
 
 KEEP_FROM = 1 << 22
-"""Size from which on memory is kept for the next result [bytes]."""
+"""Minimum size of memory that is kept for the next result [bytes]."""
 
 KEEP_AT_MOST = 1 << 30
-"""Size of all memory kept [bytes]; at most a sixteenth of what the machine has."""
+"""Maximum size of all memory kept [bytes], and at most a sixteenth of the machine's memory."""
 
 _kept: list[np.ndarray] = []  # oldest first
 _lock = threading.Lock()
@@ -31,17 +31,18 @@ def empty(shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:
     size = math.prod(shape) * dtype.itemsize
     raw = _take(size) if size >= KEEP_FROM else np.empty(size + ALIGNMENT, np.uint8)
     begin = -raw.ctypes.data % ALIGNMENT
-    # All views of it have `raw` as their base, so its reference count shows whether any of them is in use.
+    # All views have `raw` as their base, so its reference count shows whether a view is in use.
     return raw[begin : begin + size].view(dtype).reshape(shape)
 
 
 def release_memory() -> None:
-    """Give memory kept for results back to the system; results in use are not touched."""
+    """Return memory kept for results to the system; results in use are not affected."""
     with _lock:
         _kept.clear()
 
 
 def _take(size: int) -> np.ndarray:
+    """Return unused kept memory of at least a size [bytes] plus the alignment, or new memory."""
     with _lock:
         for place in range(len(_kept)):
             fits = size + ALIGNMENT <= _kept[place].size <= 2 * size + ALIGNMENT
@@ -58,6 +59,7 @@ def _take(size: int) -> np.ndarray:
 
 
 def _limit() -> int:
+    """Return the maximum size of all memory kept on this machine [bytes]."""
     try:
         physical = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     except (AttributeError, ValueError, OSError):

@@ -1,14 +1,14 @@
 """Portable code of compiled functions: LLVM IR, made by Numba's front end.
 
-Each function becomes one part for each list of types with which it is called, and each function with a
-signature a C entry point as well.  The parts need nothing but the C library: memory that arrays made inside
-need is taken by `malloc` (`runtime.ll` in place of Numba's run time), and an exception becomes a status.
-Parts are found again by the hash of what the function itself is made from: after an edit Numba compiles the
-edited function only, and whatever sees another type of its result.  `compiler.compile_portable` links parts
-and makes machine code of them.
+Each function becomes one part for each list of argument types with which it is called, and each function
+with a signature a C entry point as well.  The parts need only the C library: memory of arrays made inside
+comes from `malloc` (`runtime.ll` in place of Numba's run time), and an exception becomes a status.
+Parts are cached by the hash of the function's own inputs: after an edit Numba compiles only the edited
+function, and callers for which the type of its result has changed.  `compiler.compile_portable` links parts
+and compiles them to machine code.
 
-This file knows Numba's private classes: the compiler's libraries, its interface of caches, and what a
-compiled function looks like to one that calls it.
+This file depends on Numba's private classes: the compiler's libraries, its interface of caches, and the
+description of a compiled function for its callers.
 """
 
 from __future__ import annotations
@@ -42,13 +42,13 @@ if TYPE_CHECKING:
 
 
 class _Library(codegen.JITCodeLibrary):
-    """Functions as the front end left them; they are linked and optimized as part of a unit."""
+    """Functions of the front end without optimization; they are linked and optimized as part of a unit."""
 
     def _optimize_functions(self, ll_module: Any) -> None:
         ll_module.data_layout = self._codegen._data_layout
 
     def finalize(self) -> None:
-        """Do not link: that makes copies."""
+        """Skip linking, which makes copies."""
         self._finalized = True
 
 
@@ -81,7 +81,7 @@ def make_dispatcher(function: CompiledFunction) -> Any:
     template_for = dispatcher.get_call_template
 
     def any_value(arguments: Sequence[Any], named: Mapping[str, Any]) -> Any:
-        """Compile for the types of arguments: Numba would, a constant being an argument, for its value."""
+        """Compile for argument types; without this, Numba compiles a constant argument for its value."""
         plain = {name: types.unliteral(kind) for name, kind in named.items()}
         return template_for(tuple(map(types.unliteral, arguments)), plain)
 
@@ -112,7 +112,7 @@ def portable_parts(functions: Sequence[CompiledFunction]) -> dict[str, PortableP
 
 @contextlib.contextmanager
 def _front_end() -> Iterator[Any]:
-    """Let Numba make libraries of our kind, and run nothing."""
+    """Make Numba use `_Library`, without loading or running code, within a `with` block."""
     context = cpu_target.target_context
     generator = context.codegen()
     functions: Any = types.BaseFunction
@@ -121,7 +121,7 @@ def _front_end() -> Iterator[Any]:
     generator.set_env = lambda name, environment: None
 
     def known(operation: Any, typing_context: Any, arguments: Sequence[Any], named: Mapping[str, Any]) -> Any:
-        """Return what was found before: all definitions of an operator are tried each time, arrays' first."""
+        """Return a cached resolution, since Numba tries all definitions of an operator each time."""
         key = operation, tuple(arguments), tuple(named.items()), targetconfig.ConfigStack.top_or_none()
         if key not in _signatures:
             signature = search(operation, typing_context, arguments, named)
@@ -140,7 +140,7 @@ def _front_end() -> Iterator[Any]:
 
 @contextlib.contextmanager
 def _no_collection() -> Iterator[None]:
-    """Leave reference cycles alone for a while: looking for them takes a tenth of Numba's time."""
+    """Disable garbage collection within a `with` block: it takes a tenth of Numba's time."""
     enabled = gc.isenabled()
     gc.disable()
     try:
@@ -151,20 +151,20 @@ def _no_collection() -> Iterator[None]:
 
 
 _parts: dict[str, PortablePart] = {}
-"""All parts made or found in this process, by symbol."""
+"""All parts made or read in this process, by symbol."""
 
 _symbols: dict[Any, str] = {}
-"""The symbol of the function of each of Numba's libraries."""
+"""Symbol of the function of each Numba library."""
 
 _signatures: dict[Any, Any] = {}
-"""Types of arguments and results of Numba's own functions, and which definition it found, for a call."""
+"""Resolved calls of Numba's own functions: types of arguments and result, and the definition."""
 
 _functions: dict[Any, tuple[CompiledFunction, tuple[Any, ...]]] = {}
-"""Our function, and the types of its arguments, of each library that has one."""
+"""Compiled function of this package, and its argument types, by Numba library."""
 
 
 class _Cache:
-    """Numba's interface of a cache, for one function: parts that were kept."""
+    """Cache of the parts of one function, with Numba's interface."""
 
     def __init__(self, function: CompiledFunction) -> None:
         self._function = function
@@ -214,7 +214,7 @@ class _Cache:
         )
 
     def save_overload(self, types_of_arguments: Any, result: Any) -> None:
-        """Make a part of what was compiled, and keep it."""
+        """Make a part of a compilation, and keep it."""
         arguments, library = tuple(types_of_arguments), result.library
         symbol = self._symbol(arguments)
         self._note(library, symbol, arguments)
@@ -243,7 +243,7 @@ class _Cache:
 
     @property
     def _can_be_kept(self) -> bool:
-        """Whether other processes find the function by its name."""
+        """Whether other processes can find the function by its name."""
         return "<locals>" not in self._function.__qualname__
 
     def _key(self, symbol: str) -> str:
@@ -258,7 +258,7 @@ class _Cache:
         _symbols[library], _functions[library] = symbol, (self._function, arguments)
 
     def _described(self, symbol: str, arguments: tuple[Any, ...], returned: Any) -> Any:
-        """Return what a function that calls this one has to know."""
+        """Return Numba's description of the function for its callers."""
         python = self._function.python
         code = python.__code__
         return funcdesc.PythonFunctionDescriptor(
@@ -279,11 +279,11 @@ class _Cache:
 
 
 _SHARED = "numba."
-"""What symbols of Numba's own functions begin with; the rest is a hash of the code."""
+"""Prefix of the symbols of Numba's own functions; the rest is a hash of the code."""
 
 
 def _share(library: Any) -> dict[str, str]:
-    """Make parts of a function of Numba's own, and of those that it calls; return its new name by the old."""
+    """Make parts of a Numba function and of its callees; return the new name by the old."""
     if library not in _symbols:
         renamed: dict[str, str] = {}
         needs = []
@@ -318,7 +318,7 @@ _new_names: dict[Any, dict[str, str]] = {}
 
 
 def _find_shared(symbol: str) -> bool:
-    """Find the part of one of Numba's own functions, and what it needs; return whether all is there."""
+    """Read the part of a Numba function and the parts it needs; return whether all were found."""
     if symbol not in _parts:
         found = _kept(symbol, "")
         if found is None or not all(map(_find_shared, found.needs)):
@@ -328,6 +328,7 @@ def _find_shared(symbol: str) -> bool:
 
 
 def _add_runtime() -> str:
+    """Add the part that replaces Numba's run time; return its symbol."""
     symbol = _SHARED + "runtime"
     if symbol not in _parts:
         module = llvm.parse_assembly(runtime_path().read_text(encoding="ascii"))
@@ -387,10 +388,10 @@ def _stored(module: Any, symbols: set[str], renamed: Mapping[str, str]) -> bytes
 
 
 def _without_origin(module: Any) -> Any:
-    """Return a module without addresses, and what exceptions say: they hold paths, and counts of the process.
+    """Return a module without addresses and exception data, which hold paths and counters of the process.
 
-    Nothing reads them, since an exception becomes a status; but the order of parts, and so the bytes of what
-    is linked of them, depends on hashes of these.
+    Nothing reads the exception data, since an exception becomes a status; but the order of parts, and so the
+    bytes of linked code, depends on hashes of the modules.
     """
     text = re.sub(r"inttoptr \(i64 \d+ to ptr\)", "null", str(module))
     text = re.sub(rf"constant {re.escape(_EXCEPTION)} .*", f"constant {_EXCEPTION} zeroinitializer", text)
@@ -427,7 +428,7 @@ def _entry_module(function: CompiledFunction, context: Any, fndesc: Any, returne
 
 
 def _add_direct(function: CompiledFunction, context: Any, module: Any, callee: Any, fndesc: Any) -> None:
-    """Add a function that takes its scalars as a C function does, under the symbol with `_direct`."""
+    """Add a C function of scalar arguments under the symbol with `_direct`."""
     signature = function.signature
     assert signature is not None
     scalars = [argument for argument in signature.arguments if isinstance(argument, ScalarType)]
@@ -443,7 +444,7 @@ def _add_direct(function: CompiledFunction, context: Any, module: Any, callee: A
         for value, argument in zip(direct.args, scalars, strict=True)
     ]
     status, out = context.call_conv.call_function(builder, callee, fndesc.restype, fndesc.argtypes, values)
-    if BOUNDS_CHECKED:  # C callers check for no errors: the process ends here, not somewhere else later
+    if BOUNDS_CHECKED:  # C callers check no errors: the process ends here, not somewhere else later
         abort = cgutils.get_or_insert_function(module, ir.FunctionType(ir.VoidType(), []), "abort")
         with builder.if_then(status.is_error, likely=False):
             builder.call(abort, [])
@@ -454,7 +455,7 @@ def _add_direct(function: CompiledFunction, context: Any, module: Any, callee: A
 
 
 class BlockReader:
-    """Arguments from, and results into, a block of 64-bit words."""
+    """Reader of arguments from, and writer of results to, a block of 64-bit words."""
 
     def __init__(self, context: Any, builder: Any, block: Any) -> None:
         self._context, self._builder, self._block, self._place = context, builder, block, 0
@@ -465,7 +466,7 @@ class BlockReader:
         return place
 
     def read(self, argument: Argument, kind: Any) -> Any:
-        """Return the next argument as Numba's value."""
+        """Return the next argument as a Numba value."""
         builder, context = self._builder, self._context
         if isinstance(argument, RecordType):
             parts = [
@@ -511,8 +512,8 @@ class BlockReader:
 
 
 _EXCEPTION = "{ ptr, i32, ptr, ptr, i32 }"
-"""LLVM's type of an exception: pickled, its size, its hash, and what unpacks its arguments."""
+"""LLVM type of an exception: pickled data, size, hash, and function that unpacks its arguments."""
 
-# What unpacks the arguments of exceptions that Numba foresees (slices of different lengths).  Nothing here
-# does: an exception becomes a status.
+# Python functions that unpack the arguments of Numba's exceptions (slices of different lengths).  They are
+# not needed here: an exception becomes a status.
 _EXCEPTIONS = frozenset(["PyErr_SetString", "PyUnicode_FromKindAndData", "PyObject_Hash", "PyTuple_Pack"])

@@ -1,12 +1,12 @@
-"""Machine code of compiled functions, made by processes on all cores.
+"""Parallel build of the machine code of compiled functions by processes on all cores.
 
     python -m pepper_kin.kernels.parallel_build [--only] [--nice] [--wheel TAG] MODULE...
 
-This process decides who makes what, in which order: units that the caller waits for, whose names come by
-standard input, before those that were named at the start, and these before the rest.  Two units that share
-functions are not made side by side where others are left, since both processes would compile what they share.
-It ends when all is made, or when its standard input ends: when the process that has started it does.
-How far it has come is printed as lines of JSON, twice a second.
+This process schedules the units: first units that the caller waits for, whose names arrive on standard input,
+then units named on the command line, then the rest.  Two units that share functions are not made at the same
+time if others are left, since both processes would compile the shared functions.  The process ends when all
+units are made, or when its standard input ends: when the process that has started it ends.
+Progress is printed as lines of JSON, twice a second.
 """
 
 from __future__ import annotations
@@ -31,19 +31,19 @@ from pepper_kin.kernels.store import is_known, make_ahead, only_maker
 from pepper_kin.kernels.target import WHEELS, Target
 
 WORKER = "PEPPER_KIN_BUILDS"
-"""Environment variable of processes that make machine code ahead: they start no others."""
+"""Environment variable of processes that build ahead: they start no further build processes."""
 
 _POLL = 0.1
-"""Interval of looking for names that are asked for [s]."""
+"""Interval between polls for requested names [s]."""
 
 _LOOK = 2.0
-"""Interval of looking whether the process that sends work is alive [s]."""
+"""Interval between checks that the process that sends work is alive [s]."""
 
 _MOST = 8
-"""Number of processes at most: each takes some 0.4 GB, and units wait for what they share."""
+"""Maximum number of processes: each takes some 0.4 GB, and units wait for shared functions."""
 
 _FRONT_END = 4.0
-"""Time to compile a function by Numba over its time in LLVM, each time that a unit holds it."""
+"""Ratio of the time to compile a function by Numba, once, to its time in LLVM, in every unit that has it."""
 
 
 def compiled_modules() -> list[str]:
@@ -59,7 +59,7 @@ def compiled_modules() -> list[str]:
 
 
 def _packages() -> list[tuple[str, Path]]:
-    """Return packages and their folders; those of the planners lie elsewhere in an editable installation."""
+    """Return packages and their folders; the planners' folder lies elsewhere in an editable installation."""
     folder, planners = Path(__file__).parents[1], find_spec("pepper_kin.planners")
     assert planners is not None
     assert planners.submodule_search_locations is not None
@@ -68,10 +68,10 @@ def _packages() -> list[tuple[str, Path]]:
 
 
 class _Schedule:
-    """The units that are still to be made, and what is being made.
+    """Units that are still to be made, and units in progress.
 
     Args:
-        target: The processor that code is made for; None for this one.
+        target: The processor for which code is made; None for this one.
     """
 
     def __init__(self, target: Target | None) -> None:
@@ -91,7 +91,7 @@ class _Schedule:
         return not self._waiting
 
     def add(self, name: str, priority: int) -> None:
-        """Add a module unless its machine code is there; a smaller priority is made earlier."""
+        """Add a module unless its machine code exists; a module of smaller priority is made earlier."""
         self._priority[name] = min(priority, self._priority.get(name, priority))
         if name in self.keys:
             return
@@ -105,7 +105,7 @@ class _Schedule:
             self._waiting.append(name)
 
     def next(self) -> str | None:
-        """Return the module to be made next: of those most urgent the longest that shares least."""
+        """Return the next module: of the most urgent modules the longest that shares the fewest functions."""
         if not self._waiting:
             return None
         busy = frozenset().union(*(self._reached[name] for name in self._busy)) - self._compiled
@@ -115,7 +115,7 @@ class _Schedule:
         return name
 
     def finish(self, name: str) -> None:
-        """Note that a module has been made."""
+        """Record that a module has been made."""
         self.done += self._cost(name, self._compiled)
         self._busy.remove(name)
         self._compiled |= self._reached[name]
@@ -128,12 +128,12 @@ class _Schedule:
 
 
 def _work(jobs: Connection, target: Target | None) -> None:
-    """Make the units whose modules and keys arrive, until the process that sends them is gone."""
+    """Make the units whose modules and keys arrive, until the sending process ends."""
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that has started all this
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is handled by the process that started the build
     sender = multiprocessing.parent_process()
     while True:
-        while not jobs.poll(_LOOK):  # the connection does not end: processes that were forked later hold it
+        while not jobs.poll(_LOOK):  # the connection does not end: processes forked later hold it
             if sender is None or not sender.is_alive():
                 return
         name, key = jobs.recv()
@@ -143,7 +143,7 @@ def _work(jobs: Connection, target: Target | None) -> None:
 
 
 def _run(schedule: _Schedule, count: int) -> None:
-    """Let processes make all that is scheduled; a name from standard input is made as soon as possible."""
+    """Make all scheduled modules by processes; a name from standard input is made as soon as possible."""
     context: Any = multiprocessing.get_context("fork" if sys.platform == "linux" else "spawn")
     gc.freeze()
     idle: list[Connection] = []
@@ -158,15 +158,15 @@ def _run(schedule: _Schedule, count: int) -> None:
             idle.append(ours)
         _hand_out(schedule, idle)
     finally:
-        # Whatever they do: a file is written whole or not at all.  A gentler signal is lost by a process that
-        # has just been forked, and this one would wait for it for ever.
+        # Processes may be killed at any time: a file is written whole or not at all.  A process that has just
+        # been forked may lose a gentler signal, and this process would wait for it forever.
         for process in processes:
             process.kill()
             process.join()
 
 
 def _hand_out(schedule: _Schedule, idle: list[Connection]) -> None:
-    """Send work to processes, which are idle at first, until there is none or standard input ends."""
+    """Send work to processes, which are idle at first, until none is left or standard input ends."""
     begin = printed = time.monotonic()
     busy: set[Connection] = set()
     while True:
@@ -193,6 +193,7 @@ def _hand_out(schedule: _Schedule, idle: list[Connection]) -> None:
 
 
 def _print(schedule: _Schedule, elapsed: float) -> None:
+    """Print the progress as a line of JSON."""
     ratio = schedule.done / max(schedule.total, 1.0)
     remaining = elapsed * (1.0 / ratio - 1.0) if ratio > 0.03 else None
     with_remaining = {"ratio": round(ratio, 3), "remaining": remaining and round(remaining, 1)}
@@ -205,7 +206,7 @@ def _ended() -> bool:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Make machine code, one such process at a time for a cache folder."""
+    """Make machine code, with one build process at a time per cache folder."""
     parser = argparse.ArgumentParser(prog="python -m pepper_kin.kernels.parallel_build", description=__doc__)
     parser.add_argument("modules", nargs="*", help="what to make first")
     parser.add_argument("--only", action="store_true", help="make nothing else")
@@ -213,7 +214,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--nice", action="store_true", help="leave the processors to others")
     options = parser.parse_args(arguments)
     os.environ[WORKER] = "1"
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit())  # which ends the processes that work
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit())  # the exit ends the worker processes
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if options.nice and hasattr(os, "nice"):
         os.nice(10)

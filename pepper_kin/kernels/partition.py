@@ -1,18 +1,18 @@
-"""Cutting a long program into chunks, each of which becomes one function.
+"""Partition of a long program into chunks, each of which becomes one function.
 
 The time to compile a straight-line function grows faster than its length; chunks of bounded length keep it
 linear.  Chunks of a few hundred operations are also faster: within one function LLVM moves operations over
-any distance, and what it moves away from its use has to be saved and fetched again.
+any distance, and a value that is moved away from its use has to be spilled and reloaded.
 
 The order is CasADi's own, or depth first from the outputs, the last rows and columns of all matrices first,
 whichever keeps fewer values alive: a robot's matrices are filled joint by joint, not one after the other.
 
 Inside a chunk values live in registers; a value that a later chunk reads is kept in a slot of a work array,
-and a slot is used again once its last reader has run.  Constants and inputs need no slot: every chunk reads
-them where they are.
+and a slot is reused once its last reader has run.  Constants and inputs need no slot: every chunk reads them
+directly.
 
-Sines and cosines of inputs (of joint angles, say) are taken before the first chunk, in one small loop, and
-stay in the first slots: the loop overlaps several of them, where straight-line code would run in turn.
+Sines and cosines of inputs (such as joint angles) are computed before the first chunk, in one small loop, and
+stay in the first slots: the loop overlaps several evaluations, which straight-line code would run in turn.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ TRIGONOMETRIC = frozenset(("sin", "cos", "tan"))
 
 @dataclass(frozen=True)
 class Chunk:
-    """A run of operations.
+    """A sequence of operations.
 
     Attributes:
-        values: Numbers of the values computed here, in order; those that every chunk can read are left out.
+        values: Indices of the values computed here, in order, without values that every chunk can read.
         loads: Values read here and computed in an earlier chunk, with their slots.
         stores: Values computed here and read in a later chunk, with their slots.
         outputs: (element of the outputs, value) stored by this chunk; the value is None for a structural
@@ -51,8 +51,8 @@ class Partition:
     """A program in chunks.
 
     Attributes:
-        angles: Elements of the inputs whose sine and cosine are taken first; those of `angles[k]` are in
-            slots 2 k and 2 k + 1.
+        angles: Elements of the inputs whose sine and cosine are computed first; sine and cosine of
+            `angles[k]` are in slots 2 k and 2 k + 1.
         chunks: The chunks, in the order in which they run.
         slot_count: Number of slots that the work array needs.
     """
@@ -67,7 +67,7 @@ def partition(program: Program, chunk_length: int) -> Partition:
 
     Args:
         program: The program.
-        chunk_length: Number of operations of a chunk, at most.
+        chunk_length: Maximum number of operations of a chunk.
     """
     angles = {value: None for value in map(_angle_of(program), program.operations) if value is not None}
     runs = _runs(program, chunk_length)
@@ -91,7 +91,7 @@ def partition(program: Program, chunk_length: int) -> Partition:
 
 
 def _angle_of(program: Program) -> Callable[[Operation], int | None]:
-    """A function of an operation: the input element of which it is the sine, cosine or tangent, or None."""
+    """Return a function that maps a sine, cosine or tangent of an input to its element, others to None."""
 
     def angle(operation: Operation) -> int | None:
         if operation.name not in TRIGONOMETRIC:
@@ -103,7 +103,7 @@ def _angle_of(program: Program) -> Callable[[Operation], int | None]:
 
 
 def _runs(program: Program, chunk_length: int) -> list[list[int]]:
-    """Consecutive operations, at least one run; cut in the second half, where fewest values are alive."""
+    """Return runs of consecutive operations; a run is cut in its second half, where fewest values live."""
     angle = _angle_of(program)
     values = [
         value
@@ -114,7 +114,7 @@ def _runs(program: Program, chunk_length: int) -> list[list[int]]:
     values, alive = min(((order, _alive_after(program, order)) for order in orders), key=lambda o: sum(o[1]))
     runs, start = [], 0
     while len(values) - start > chunk_length:
-        # The later of two equal places: fewer chunks.
+        # The later of two equal cuts makes fewer chunks.
         cut = min(range(chunk_length, max(1, chunk_length // 2) - 1, -1), key=lambda n: alive[start + n - 1])
         runs.append(values[start : start + cut])
         start += cut
@@ -122,7 +122,7 @@ def _runs(program: Program, chunk_length: int) -> list[list[int]]:
 
 
 def _joint_by_joint(program: Program, values: set[int]) -> list[int]:
-    """The values, operands first, from the outputs of the last rows and columns to those of the first."""
+    """Return the values, operands first, from the outputs of the last rows and columns to the first ones."""
     signature = program.signature
     places = [
         max(i, j) for rows, columns in signature.output_shapes for i in range(rows) for j in range(columns)
@@ -144,7 +144,7 @@ def _joint_by_joint(program: Program, values: set[int]) -> list[int]:
 
 
 def _alive_after(program: Program, values: list[int]) -> list[int]:
-    """How many of the values, computed in this order, are still to be read after each of them."""
+    """Return the number of live values after each value, if computed in the given order."""
     place = {value: index for index, value in enumerate(values)}
     last_read = list(range(len(values)))
     for index, value in enumerate(values):
@@ -161,7 +161,7 @@ def _alive_after(program: Program, values: list[int]) -> list[int]:
 def _assign_slots(
     runs: list[list[int]], last_reader: dict[int, int], slot_count: int
 ) -> tuple[dict[int, int], int]:
-    """A slot for every value that outlives its chunk: the lowest free one beyond the first `slot_count`."""
+    """Return a slot for every value that outlives its chunk: the lowest free one from `slot_count` on."""
     slots: dict[int, int] = {}
     free: list[int] = []
     ends: dict[int, list[int]] = {}

@@ -1,4 +1,4 @@
-"""Portable code of compiled functions: LLVM IR of one function each, which machine code is made of."""
+"""Portable code of compiled functions: LLVM IR, one module per function, from which machine code is made."""
 
 from __future__ import annotations
 
@@ -10,11 +10,10 @@ class PortablePart(NamedTuple):
     """Portable code of one function for certain types of its arguments.
 
     Attributes:
-        key: Hash of what the function itself is made from, without the functions that it calls.
+        key: Hash of the function's own inputs, without the functions that it calls.
         needs: Symbols of the functions that it calls.
-        bitcode: The function, and nothing that is a part itself.
-        types: Description of its types for the front end, where another function calls it; empty for entry
-            points.
+        bitcode: LLVM bitcode of the function, without the code of other parts.
+        types: Description of the function's types for callers in the front end; empty for entry points.
     """
 
     key: str
@@ -24,7 +23,7 @@ class PortablePart(NamedTuple):
 
 
 def needed(symbols: Sequence[str], part_of: Callable[[str], PortablePart]) -> list[str]:
-    """Return the symbols of all parts that entry points need, themselves included, in a fixed order."""
+    """Return the symbols of entry points and of all parts that they need, in a fixed order."""
     found: dict[str, None] = {}
     waiting = list(reversed(symbols))
     while waiting:

@@ -1,4 +1,4 @@
-"""Folders whose files are run: only of this user or of root, and writable by no other user."""
+"""Folders of files that are executed: owned by this user or root, and writable by no other user."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ _HAS_OWNERS = hasattr(os, "geteuid")  # not on Windows, where folders of a user 
 
 
 def private(folder: Path) -> Path:
-    """Return a folder, or another one that is private where this one is not; that is logged, once."""
+    """Return a folder, or another private one, with a logged warning, if others could write to it."""
     fault = fault_of(folder)
     return folder if fault is None else _other(str(folder), fault)
 
 
 def folder_without_home() -> Path:
-    """Return a folder for a user without a home: of this session, or in the temporary folder."""
+    """Return a folder for a user without a home: the session's, or one in the temporary folder."""
     wanted = _candidates()
     return next((folder for folder in wanted if fault_of(folder) is None), None) or private(wanted[-1])
 
@@ -33,8 +33,8 @@ def made(folder: Path) -> Path:
     """Make a folder unless it exists, and return it.
 
     Raises:
-        PermissionError: where somebody else has made it meanwhile.
-        OSError: where it cannot be made.
+        PermissionError: if another user has made it meanwhile.
+        OSError: if it cannot be made.
     """
     folder.mkdir(parents=True, exist_ok=True, mode=0o700)
     fault = fault_of(folder)
@@ -44,12 +44,12 @@ def made(folder: Path) -> Path:
 
 
 def fault_of(folder: Path) -> str | None:
-    """Say why others could change what is in a folder, or None where they cannot or it does not exist."""
+    """Return why others could change a folder's content, or None if they cannot or it does not exist."""
     if not _HAS_OWNERS:
         return None
     try:
         link = os.lstat(folder)
-    except OSError:  # it is to be made, or cannot be reached
+    except OSError:  # it does not exist yet, or cannot be reached
         return None
     if stat.S_ISLNK(link.st_mode) and not _is_ours(link):
         return f"{folder} is a link of another user"
@@ -72,10 +72,10 @@ def fault_of(folder: Path) -> str | None:
 
 
 def read_own(path: Path) -> bytes:
-    """Return the content of a file of this user or of root that no other user may write.
+    """Return the content of a file that is owned by this user or root and that no other user may write.
 
     Raises:
-        OSError: where there is none, or it is a link or of somebody else, which is logged.
+        OSError: if there is no file, or it is a link or another user's, which is logged.
     """
     handle = os.open(path, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0))
     with os.fdopen(handle, "rb") as file:
@@ -89,6 +89,7 @@ def read_own(path: Path) -> bytes:
 
 @cache
 def _other(wanted: str, fault: str) -> Path:
+    """Return another private folder, or a temporary one, and log the fault of the wanted one."""
     for folder in _candidates():
         if str(folder) != wanted and fault_of(folder) is None:
             break
@@ -100,7 +101,7 @@ def _other(wanted: str, fault: str) -> Path:
 
 
 def _candidates() -> list[Path]:
-    """Return folders that are a user's own and stay the same."""
+    """Return this user's folders that stay the same from process to process."""
     number = os.geteuid() if _HAS_OWNERS else "cache"
     session = os.environ.get("XDG_RUNTIME_DIR")
     own = [Path(session) / "pepper_kin"] if session and os.path.isdir(session) else []

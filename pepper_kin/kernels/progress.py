@@ -13,10 +13,10 @@ from typing import NamedTuple
 _logger = logging.getLogger(__name__)
 
 PATIENCE = 2.0
-"""Longest wait without a message [s]."""
+"""Maximum time of making without a message [s]."""
 
 INTERVAL = 20.0
-"""Time between messages where there is no terminal [s]."""
+"""Time between messages without a terminal [s]."""
 
 _WIDTH = 30
 
@@ -27,18 +27,18 @@ _logged = 0.0
 
 
 class BuildProgress(NamedTuple):
-    """How far processes have come that make machine code.
+    """Progress of the processes that make machine code.
 
     Attributes:
-        ratio: Part of the work that is done, 0 to 1.
-        remaining: Time that the rest takes [s]; None where nothing has been done yet.
+        ratio: Fraction of the work that is done, 0 to 1.
+        remaining: Estimated remaining time [s]; None while it is unknown.
     """
 
     ratio: float
     remaining: float | None
 
     def bar(self) -> str:
-        """Return a bar, the percentage and the time that remains."""
+        """Return a bar, the percentage and the remaining time as text."""
         filled = "#" * round(_WIDTH * self.ratio)
         left = "" if self.remaining is None else f", {self.remaining:.0f} s left"
         return f"[{filled:<{_WIDTH}}] {100.0 * self.ratio:.0f} %{left}"
@@ -49,8 +49,7 @@ def making(name: str) -> Iterator[None]:
     """Report that a part is being made, once making has taken `PATIENCE` in all.
 
     Args:
-        name: The part, shown on a terminal; elsewhere one message of this module's logger says that it has
-            begun.
+        name: Name of the part, shown on a terminal; without a terminal this module's logger logs the start.
     """
     global _spent
     begin = time.perf_counter()
@@ -70,9 +69,9 @@ def making(name: str) -> Iterator[None]:
 
 
 def announce(name: str) -> None:
-    """Log once that machine code is made; show what on a terminal, and elsewhere log it every `INTERVAL`."""
+    """Log once that machine code is made; show the name on a terminal, or log it every `INTERVAL`."""
     global _reported, _logged
-    name = name.encode("utf-8", "backslashreplace").decode()  # a caller's text may hold half a character
+    name = name.encode("utf-8", "backslashreplace").decode()  # a caller's text may hold a lone surrogate
     now, terminal = time.monotonic(), sys.stderr.isatty()
     with _lock:
         first, _reported = not _reported, True
@@ -90,14 +89,14 @@ def announce(name: str) -> None:
 
 
 def show(text: str) -> None:
-    """Show a text in the last line of a terminal, in place of what was shown there; nothing elsewhere."""
+    """Show a text in the last line of a terminal, in place of the last text; do nothing without one."""
     if sys.stderr.isatty():
         sys.stderr.write(f"\r{text[:79]:<79}\r")
         sys.stderr.flush()
 
 
 def note_reason(reason: str) -> None:
-    """Note why machine code may have to be made on this machine; it is logged once something is made."""
+    """Record why machine code may have to be made on this machine; the reason is logged with the next one."""
     _reasons.setdefault(reason, False)
 
 
@@ -109,4 +108,4 @@ def _log_reasons() -> None:
 
 
 _reasons: dict[str, bool] = {}
-"""Reasons, and whether they have been logged."""
+"""Reasons to make machine code -> whether they have been logged."""

@@ -6,10 +6,10 @@
     BALL.set_outer(balls, 0.1, k)
     ball = BALL.at(balls, k)  # address of a row; BALL.outer_at(balls, k) of a field of it
 
-Such a call is a load or store at a constant offset.  The layout stands in the declaration only: Python code
-that writes the same memory takes a row's numbers, by name, from `row` and their places from `columns`.
+Each call is a load or store at a constant offset.  Only the declaration defines the layout: Python code that
+writes the same memory takes a row's numbers, by name, from `row` and their indices from `columns`.
 An array of numbers is a table of records with one field: `SINGLES.at(address, k)`.  Lanes are a kind as well
-(`lanes`), which is why numbers are read and written by `load_lanes`, `single_at`, ... of that module.
+(`lanes`), so numbers are read and written by `load_lanes`, `single_at`, ... of that module.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ _LLVM = {"float32": "FloatType", "float64": "DoubleType", "int64": "IntType"}
 
 @dataclass(frozen=True)
 class FieldKind:
-    """What a field holds.
+    """Type of a field.
 
     Attributes:
         dtype: "float32", "float64" or "int64".
-        size: Of a value [bytes].
-        count: Values of the field; several are a tuple.
-        lanes: Numbers of a value, side by side.
-        side_by_side: Returns Numba's type of such a value.
+        size: Size of a value [bytes].
+        count: Number of values of the field; several values are a tuple.
+        lanes: Number of lanes of a value.
+        side_by_side: Function that returns Numba's type of a value of several lanes; None for one lane.
     """
 
     dtype: str
@@ -49,7 +49,7 @@ class FieldKind:
         return replace(self, count=count)
 
     def padded(self, size: int) -> FieldKind:
-        """Return the same in more bytes."""
+        """Return the kind with values of a larger size [bytes]."""
         return replace(self, size=size)
 
     def read(self, address: int) -> Any:
@@ -84,7 +84,7 @@ class FieldKind:
 
     @property
     def align(self) -> int | None:
-        """Of a value [bytes]; None for what is usual."""
+        """Alignment of a value [bytes]; None for the default."""
         return 4 if self.lanes > 1 else None
 
 
@@ -103,6 +103,8 @@ def _moved(builder: Any, address: Any, offset: int, k: Any = None, stride: int =
 
 
 def _load(name: str, kind: FieldKind, offset: int, stride: int) -> Intrinsic:
+    """Return the intrinsic that reads a field, `offset` bytes into rows of `stride` bytes."""
+
     def make(typing_context: Any, address: Any, k: Any = 0) -> Any:
         from numba import types
 
@@ -114,13 +116,15 @@ def _load(name: str, kind: FieldKind, offset: int, stride: int) -> Intrinsic:
         return kind.numba_type()(types.intp, types.intp), generate
 
     def load(address: int, k: int = 0) -> Any:
-        """Return a field of the record at an address, or of the k-th from there on."""
+        """Return a field of the k-th record from an address on."""
         return kind.read(address + k * stride + offset)
 
     return _named(load, f"{name} {kind} {offset} {stride}", make)
 
 
 def _store(name: str, kind: FieldKind, offset: int, stride: int) -> Intrinsic:
+    """Return the intrinsic that writes a field, `offset` bytes into rows of `stride` bytes."""
+
     def make(typing_context: Any, address: Any, value: Any, k: Any = 0) -> Any:
         from numba import types
 
@@ -134,13 +138,15 @@ def _store(name: str, kind: FieldKind, offset: int, stride: int) -> Intrinsic:
         return types.void(types.intp, kind.numba_type(), types.intp), generate
 
     def store(address: int, value: Any, k: int = 0) -> None:
-        """Write a field of the record at an address, or of the k-th from there on."""
+        """Write a field of the k-th record from an address on."""
         kind.write(address + k * stride + offset, value)
 
     return _named(store, f"{name} {kind} {offset} {stride}", make)
 
 
 def _address(name: str, offset: int, stride: int) -> Intrinsic:
+    """Return the intrinsic that computes an address, `offset` bytes into rows of `stride` bytes."""
+
     def make(typing_context: Any, address: Any, k: Any = 0) -> Any:
         from numba import types
 
@@ -150,7 +156,7 @@ def _address(name: str, offset: int, stride: int) -> Intrinsic:
         return types.int64(types.intp, types.intp), generate
 
     def address(address: int, k: int = 0) -> int:
-        """Return the address of a field, or of the record, of the k-th from an address on."""
+        """Return the address of the k-th record from an address on, or of a field of it."""
         return int(address) + k * stride + offset
 
     return _named(address, f"{name} {offset} {stride}", make)
@@ -162,20 +168,21 @@ def _named(python: Callable[..., Any], name: str, make: Callable[..., Any]) -> I
 
 
 class RecordView:
-    """Fields of a row, one after the other.
+    """Layout of a row: fields, one after the other.
 
-    For each field there are, for compiled functions, `<field>(address, k=0)`, `set_<field>(address, value,
-    k=0)` and `<field>_at(address, k=0)`, of the k-th row from an address on, and `at(address, k=0)` of a row.
+    Compiled functions access the k-th row from an address on: `<field>(address, k=0)` reads a field,
+    `set_<field>(address, value, k=0)` writes it, `<field>_at(address, k=0)` returns its address, and
+    `at(address, k=0)` the row's address.
 
     Args:
-        name: What it is called, in keys and messages.
-        **fields: Kinds by names.
+        name: Name of the record in keys and messages.
+        **fields: Kinds of the fields by name.
 
     Attributes:
-        size: Of a row [bytes].
-        columns: For each field its place among the numbers of a row, or the slice of its places.
-        width: How many numbers a row has.
-        described: Name and layout, for the keys of machine code that uses it.
+        size: Size of a row [bytes].
+        columns: Index of each field among the numbers of a row, or the slice of its indices.
+        width: Number of numbers in a row.
+        described: Name and layout, for the keys of machine code that uses the record.
     """
 
     def __init__(self, name: str, **fields: FieldKind) -> None:
@@ -199,7 +206,7 @@ class RecordView:
         raise AttributeError(f"record {self.name} has no {name!r}; its fields: {', '.join(self.fields)}")
 
     def row(self, **values: Any) -> list[Any]:
-        """Return the numbers of a row, of all fields by names."""
+        """Return the numbers of a row, given the values of all fields by name."""
         if values.keys() != self.fields.keys():
             raise TypeError(f"record {self.name} has the fields {', '.join(self.fields)}; given: {[*values]}")
         return [number for own in self.fields for number in np.ravel(values[own]).tolist()]
@@ -210,7 +217,7 @@ class RecordView:
 
     @property
     def _numba_type_(self) -> Any:
-        """What Numba takes for a module: its attributes are constants and functions."""
+        """Return a Numba module type: attributes of the record are constants and functions."""
         from numba import types
 
         return types.Module(self)

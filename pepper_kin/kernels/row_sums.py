@@ -1,6 +1,6 @@
-"""Sums of rows of numbers, four side by side.
+"""Sums of rows of numbers in vectors of four.
 
-LLVM's own vectorizer takes sixteen numbers at a time and what is left one by one: of rows of fifteen, all.
+LLVM's own vectorizer takes sixteen numbers at a time and the rest one by one: in rows of fifteen, all.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ _WIDE = 4
 
 
 def _emit_sum(typing_context: Any, target: Any, rows: Any, shares: Any, count: Any) -> Any:
-    """Write a loop over vectors, and one over the numbers that are left."""
+    """Write a loop over vectors, and one over the remaining numbers."""
     from llvmlite import ir
     from numba import types
 
@@ -67,13 +67,13 @@ def _emit_sum(typing_context: Any, target: Any, rows: Any, shares: Any, count: A
 
 @intrinsic(_emit_sum)
 def add_rows(target: int, rows: tuple[int, ...], shares: tuple[float, ...], count: int) -> None:
-    """Add multiples of some rows to a row; all begin at addresses, and the target overlaps no other.
+    """Add multiples of some rows to a row; rows are given by address, and the target overlaps no other row.
 
     Args:
-        target: Row that is added to.
-        rows: Rows that are added.
-        shares: Their factors.
-        count: Length of all.
+        target: Address of the row to which the others are added.
+        rows: Addresses of the rows that are added.
+        shares: Factors of the rows.
+        count: Length of all rows.
     """
     if count > 0:
         for row, share in zip(rows, shares, strict=True):

@@ -3,9 +3,9 @@
     "int64(float64[:, ::1], Tables, float64)"
 
 A signature is text: result, then arguments.  Scalars are `int64`, `uint64`, `float64`, `boolean`; arrays
-are C-contiguous, `dtype[::1]`, `dtype[:, ::1]`, ..., of these or of `float32`, `int32`, `uint8`; any other
-name is a `NamedTuple` class of the function's module whose fields are annotated with `float`, `int`, `bool`
-or an alias of this module.
+are C-contiguous, `dtype[::1]`, `dtype[:, ::1]`, ..., of a scalar type, `float32`, `int32` or `uint8`; any
+other name is a `NamedTuple` class of the function's module whose fields are annotated with `float`, `int`,
+`bool` or an alias of this module.
 A result is `void`, a scalar or `Tuple(scalar, scalar, ...)`.
 """
 
@@ -68,7 +68,7 @@ class Array:
 
 @dataclass(frozen=True)
 class RecordType:
-    """A NamedTuple of scalars, arrays and further such tuples."""
+    """A NamedTuple of scalars, arrays and nested NamedTuples."""
 
     kind: type
     fields: tuple[tuple[str, ScalarType | Array | RecordType], ...]
@@ -113,6 +113,7 @@ def parse_signature(text: str, names: Mapping[str, Any]) -> FunctionSignature:
 
 
 def _argument(text: str, names: Mapping[str, Any]) -> Argument:
+    """Return the type of an argument from its text; raise TypeError for another text."""
     if text in _SCALARS:
         return ScalarType(text)
     match = _ARRAY.fullmatch(text)
@@ -128,7 +129,7 @@ def record_of(kind: type) -> RecordType:
     """Return a NamedTuple class as a type.
 
     Raises:
-        TypeError: A field's annotation is not one of this module's.
+        TypeError: A field's annotation is not a type of this module.
     """
     names = vars(sys.modules.get(kind.__module__, object))
     fields: list[tuple[str, Argument]] = []
@@ -149,7 +150,7 @@ def record_of(kind: type) -> RecordType:
 
 
 def _split(text: str) -> list[str]:
-    """Split at the commas outside brackets."""
+    """Split a text at the commas outside brackets."""
     parts, depth, begin = [], 0, 0
     for place, letter in enumerate(text):
         depth += (letter in "([") - (letter in ")]")

@@ -1,4 +1,4 @@
-"""Digests of Python sources, parts of the keys of machine code; comments and docstrings do not count."""
+"""Digests of Python sources for the keys of machine code; comments and docstrings do not count."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from pepper_kin.kernels.syntax_digests import DIGEST_SIZE, Digests, digests_of
 from pepper_kin.kernels.wheel_code import wheel_part
 
 _KEPT = 2000
-"""Number of files whose digests are kept; the package has some 700."""
+"""Maximum number of files whose digests are kept; the package has some 700."""
 
 
 @cache
 def source_digest(*modules: str) -> str:
     """Return a hash of the sources of modules and packages, read once in a process.
 
-    A package counts as the files in its own folder, without those of its sub-packages.  Comments, docstrings
-    and the ends of lines do not count, nor do the places of the files.
+    A package counts as the files in its own folder, without its sub-packages.  Comments, docstrings, line
+    endings and the locations of the files do not count.
 
     Args:
         *modules: Full names, such as "pepper_kin.symbolic" or "pepper_kin.ik.fast.expression".
 
     Raises:
-        UnknownNameError: for a module that is not there.
+        UnknownNameError: for a module that does not exist.
     """
     digest = hashlib.sha256()
     for module in modules:
@@ -44,7 +44,7 @@ def file_digest(path: str) -> str:
 
 
 def function_digest(path: str, name: str) -> str:
-    """Return a hash of the syntax tree of a function of a file; of the file where it has no such function.
+    """Return a hash of the syntax tree of a function of a file, or of the file if it lacks the function.
 
     Args:
         path: The file.
@@ -56,7 +56,7 @@ def function_digest(path: str, name: str) -> str:
 
 @cache
 def digests(path: str) -> Digests:
-    """Return the digests of a file; those of an earlier process are looked up, which is faster."""
+    """Return the digests of a file; digests kept by an earlier process are looked up, which is faster."""
     data = Path(path).read_bytes().replace(b"\r\n", b"\n")
     content = hashlib.sha256(data).hexdigest()[:DIGEST_SIZE]
     known = _known()
@@ -70,7 +70,7 @@ def digests(path: str) -> Digests:
 
 @cache
 def _known() -> dict[str, Digests]:
-    """Digests by the hash of a file's bytes, as the package brings them and earlier processes kept them."""
+    """Return digests by the hash of a file's bytes, from the package and from earlier processes."""
     brought, kept = wheel_part("digests", digests_key()), read_part(digests_key())
     known: dict[str, Digests] = json.loads(brought[0]) if brought else {}
     return known | (json.loads(kept) if kept else {})
@@ -81,12 +81,12 @@ _added: list[str] = []
 
 
 def known_digests() -> bytes:
-    """Return the newest digests as they are kept, those of files that this process read among them."""
+    """Return the newest digests as JSON, including the files that this process has read."""
     return json.dumps(dict(list(_known().items())[-_KEPT:])).encode()
 
 
 def digests_key() -> str:
-    """Return the key under which digests are kept: the source of `digests_of` decides what they are."""
+    """Return the key under which digests are kept: a hash of the source of `digests_of`."""
     source = Path(__file__).with_name("syntax_digests.py").read_bytes()
     return hashlib.sha256(b"digests " + source).hexdigest()
 
@@ -96,6 +96,7 @@ def _keep() -> None:
 
 
 def _files(module: str) -> list[Path]:
+    """Return the source files of a module or package; raise UnknownNameError if it does not exist."""
     try:
         spec = find_spec(module)
     except ModuleNotFoundError:

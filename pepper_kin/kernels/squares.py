@@ -1,4 +1,4 @@
-"""IR that turns vectors of one lane per state into rows of one state each, square by square."""
+"""IR that transposes vectors of one lane per state into rows of one state each, tile by tile."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ def store_rows(
     scratch: str,
     beside: Callable[[str], None] | None = None,
 ) -> None:
-    """Write the store of one output: `size` vectors become W rows of `size` elements.
+    """Write the stores of one output: `size` vectors become rows of `size` elements, one row per lane.
 
     Args:
-        w: The function.
-        name: Start of the labels; unique in the function.
+        w: Writer of the function.
+        name: Prefix of the labels; unique in the function.
         rows: Addresses of the rows.
-        size: Elements of a row.
+        size: Number of elements of a row.
         scratch: Address of the vectors.
-        beside: Writes what else is done in each round of the loop, of which there are `rounds`; gets the
-            name of the round's number.
+        beside: Writer of additional code in each iteration of the loop, see `rounds`; gets the name of the
+            iteration's index in IR.
     """
     lanes = w.lanes
 
@@ -58,12 +58,12 @@ def store_rows(
 
 
 def rounds(size: int, lanes: Lanes) -> int:
-    """Number of rounds of the loop of `store_rows`."""
+    """Number of iterations of the loop of `store_rows`."""
     return -(-size // lanes.count) if size >= lanes.count else size
 
 
 def column_of_square(w: Writer, column: str, size: int) -> str:
-    """First column of a square: `column`, or less where the square would not end inside the row."""
+    """First column of a tile: `column`, or less if the tile would not end inside the row."""
     if size % w.lanes.count == 0:
         return column
     furthest = size - w.lanes.count

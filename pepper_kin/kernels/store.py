@@ -1,21 +1,21 @@
-"""Store of machine code: the file that a wheel brings, and a cache folder.
+"""Store of machine code: the file of a wheel, and a cache folder.
 
-A part is found by a key: the hash of all that its code is made from.  What was made from something else has
-another key, so stale code is never read; it is just not found.  Three places are searched in turn:
+A part is found by a key: the hash of all inputs of its code.  Changed inputs change the key, so stale code is
+never read.  Three sources are tried in turn:
 
-1. The file that a wheel brings for its platform, `data/wheel.code` (`wheel_code`); a clone has none.
-2. The cache folder, for code made for this very processor.
-3. Its maker; the result is then kept in the cache folder.
+1. The file of a wheel for its platform, `data/wheel.code` (`wheel_code`); a clone has none.
+2. The cache folder, for code made for this processor.
+3. The part's maker; the result is then kept in the cache folder.
 
-After `pepper-kin warm-up --native` the wheel's file is left out.
+After `pepper-kin warm-up --native` the wheel's file is not used.
 
 A file of the cache is written under a temporary name and renamed, which is atomic: readers and other
-writers see a whole file or none.  A checksum finds damage; what is damaged counts as missing and is written
-again.  A folder that cannot be written means that code stays in memory, not an error.  Where several
-processes need a part that does not exist yet, one makes it and the others wait.
+writers see a whole file or none.  A checksum detects damage; a damaged file counts as missing and is written
+again.  If a folder cannot be written, code stays in memory, without an error.  If several processes need a
+part that does not exist yet, one makes it and the others wait.
 
-The files hold machine code that is run without further checks.  So the folder has to belong to this user or
-to root, and so have its files, and no other user may write to them (`private_folder`).
+The files hold machine code that is run without further checks.  So the folder and its files must belong to
+this user or to root, and no other user may write to them (`private_folder`).
 """
 
 from __future__ import annotations
@@ -53,12 +53,12 @@ _logger = logging.getLogger(__name__)
 
 
 class StoredPart(NamedTuple):
-    """Machine code as it is kept.
+    """Machine code of the store.
 
     Attributes:
-        content: What the maker returned.
-        target: The processor that it is for.
-        made: Whether it was made just now.
+        content: Bytes that the maker returned.
+        target: The processor for which it is made.
+        made: Whether it was made by this call.
     """
 
     content: bytes
@@ -72,10 +72,10 @@ def obtain(
     """Return a part from the wheel's file, from the cache or from its maker.
 
     Args:
-        name: Of the part, for messages ("planners.rrt_connect").
-        key: Hash of all that it is made from, except the processor.
-        make: Makes it for a processor.
-        target: The processor; None for this one, or the one that the wheel's file is for.
+        name: Name of the part, for messages ("planners.rrt_connect").
+        key: Hash of all inputs of the part, except the processor.
+        make: Function that makes the part for a processor.
+        target: The processor; None for this one, or the processor of the wheel's file.
         keep: Whether to read and write files at all.
     """
     wanted = target or host_target()
@@ -104,9 +104,9 @@ def make_ahead(key: str, make: Callable[[Target], bytes], target: Target | None 
     """Make a part for a processor and keep it, unless it is kept or another process is making it.
 
     Args:
-        key: Hash of all that it is made from, except the processor.
-        make: Makes it for a processor.
-        target: The processor; this one if left out.
+        key: Hash of all inputs of the part, except the processor.
+        make: Function that makes the part for a processor.
+        target: The processor; this one if omitted.
     """
     own_key = _for_target(key, target or host_target())
     with only_maker(own_key, wait=False) as mine:
@@ -124,6 +124,7 @@ def can_write() -> bool:
 
 
 def _kept_or_made(name: str, own_key: str, wanted: Target, make: Callable[[Target], bytes]) -> StoredPart:
+    """Return a part from the cache folder, or make and keep it."""
     content = read_part(own_key)
     if content is not None:
         return StoredPart(content, wanted, False)
@@ -138,7 +139,7 @@ def _kept_or_made(name: str, own_key: str, wanted: Target, make: Callable[[Targe
 
 
 class Collection:
-    """The parts that are requested meanwhile, made for a processor that need not be this one.
+    """Parts that are requested within `collected`, made for a given processor.
 
     Attributes:
         parts: Key -> name and content, in the order of the requests.
@@ -149,7 +150,7 @@ class Collection:
         self._target = target
 
     def add(self, name: str, key: str, make: Callable[[Target], bytes]) -> None:
-        """Make a part, unless it is kept or collected already."""
+        """Add a part, from the cache folder or its maker, unless it is collected already."""
         if key not in self.parts:
             part = _kept_or_made(name, _for_target(key, self._target), self._target, make)
             self.parts[key] = name, part.content
@@ -157,7 +158,7 @@ class Collection:
 
 @contextlib.contextmanager
 def collected(target: Target) -> Iterator[Collection]:
-    """Collect the parts that are requested meanwhile, for a processor."""
+    """Collect the parts that are requested within a `with` block, for a processor."""
     global _collection
     _collection = Collection(target)
     try:
@@ -170,34 +171,34 @@ _collection: Collection | None = None
 
 
 def is_collecting() -> bool:
-    """Return whether `collected` is under way."""
+    """Return whether a `with` block of `collected` is active."""
     return _collection is not None
 
 
 @cache
 def prefers_native() -> bool:
-    """Whether code for this very processor has been made on purpose (`pepper-kin warm-up --native`)."""
+    """Return whether code for this processor replaces the wheel's (`pepper-kin warm-up --native`)."""
     return (cache_folder() / NATIVE).exists()
 
 
 def prefer_native() -> None:
-    """Let later processes use code for this very processor in place of the wheel's."""
+    """Make later processes use code for this processor in place of the wheel's."""
     (made(cache_folder()) / NATIVE).touch()
     prefers_native.cache_clear()
 
 
 def is_known(key: str, target: Target | None = None) -> bool:
-    """Return whether a part need not be made here, for a processor; for this one if left out."""
+    """Return whether a part for a processor, by default this one, is kept or in the wheel's file."""
     return is_kept(key, target) or (target is None and not prefers_native() and has_wheel_part(key))
 
 
 def is_kept(key: str, target: Target | None = None) -> bool:
-    """Return whether the cache folder has a part for a processor, for this one if left out."""
+    """Return whether the cache folder has a part for a processor, by default this one."""
     return (cache_folder() / kept_name(key, target)).exists()
 
 
 def kept_name(key: str, target: Target | None = None) -> str:
-    """Return the name of a part's file in the cache folder, for a processor, for this one if left out."""
+    """Return the name of a part's file in the cache folder, for a processor, by default this one."""
     return f"{_for_target(key, target or host_target())}{_SUFFIX}"
 
 
@@ -221,13 +222,13 @@ def cache_folder() -> Path:
 
 @cache
 def _can_be_made(folder: Path) -> bool:
-    """Return whether a folder can be written, or made: a home may be on a file system that is read only."""
+    """Return whether a folder can be written, or made: a home may be on a read-only file system."""
     present = next(path for path in (folder, *folder.parents) if path.exists())
     return present.is_dir() and os.access(present, os.W_OK)
 
 
 def read_part(key: str) -> bytes | None:
-    """The part kept under a key, or None if there is none or its file is damaged or of another user."""
+    """Return the part kept under a key, or None if there is none or its file is damaged or another user's."""
     path = cache_folder() / f"{key}{_SUFFIX}"
     try:
         data = read_own(path)
@@ -265,14 +266,14 @@ def write_part(key: str, content: bytes) -> bool:
 
 @contextlib.contextmanager
 def only_maker(key: str, *, wait: bool = True) -> Iterator[bool]:
-    """Let one process at a time make a part, and look for it again first.
+    """Lock a part within a `with` block, so that one process at a time makes it; check again for it first.
 
-    The lock saves work; correctness does not depend on it.  Where files cannot be locked, or the file of the
-    one that makes it is removed meanwhile, two make the same.
+    The lock saves work; correctness does not depend on it.  If files cannot be locked, or the lock's file is
+    removed meanwhile, two processes make the same part.
 
     Args:
-        key: Of the part.
-        wait: Whether to wait for another process; if not, the value is False where another one makes it.
+        key: Key of the part.
+        wait: Whether to wait for another process; if not, the value is False if another one makes the part.
     """
     path = cache_folder() / f"{key}{_LOCK}"
     mine = True
@@ -294,7 +295,7 @@ def only_maker(key: str, *, wait: bool = True) -> Iterator[bool]:
 
 
 def clear_cache() -> int:
-    """Remove all kept machine code, and what interrupted writers left behind.
+    """Remove all kept machine code, and the temporary files of interrupted writers.
 
     Returns:
         Number of files removed.

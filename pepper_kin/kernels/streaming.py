@@ -1,11 +1,11 @@
 """IR that writes results to memory past the caches.
 
-Ordinary stores to memory that is in no cache first read what is there, and push everything else out of the
-caches; a large batch of matrices is then bound by that and not by arithmetic.  If all arrays of results are
-contiguous and have STREAM_FROM bytes or more together, each block of W states is therefore first put together
-in a staging area, W rows one after the other, and goes to memory by non-temporal stores.  These can only be
-under way a few at a time, so they are spread out: while one array's block is put together, the one before
-(the last one of the block of states before) is sent.
+Ordinary stores to uncached memory first read the memory, and evict everything else from the caches; memory
+traffic, not arithmetic, then limits a large batch of matrices.  If all arrays of results are contiguous and
+have STREAM_FROM bytes or more together, each block of W states is therefore first assembled in a staging
+area, W rows one after the other, and written to memory by non-temporal stores.  Only a few of these stores
+can be pending at a time, so they are spread out: while one array's block is assembled, the block before (the
+last array's of the states before) is sent.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from pepper_kin.kernels.squares import rounds, row_address, store_rows
 from pepper_kin.kernels.writer import Writer
 
 STREAM_FROM = 1 << 22
-"""Size of all results from which on they are written past the caches [bytes]: more than a core's share."""
+"""Minimum size of all results that are written past the caches [bytes]: more than one core has of caches."""
 
 LEAST_ALIGNMENT = 16
-"""Of arrays that can be written so [bytes]; all that NumPy promises of a new array."""
+"""Minimum alignment of arrays that are written past the caches [bytes]; NumPy guarantees no more."""
 
 
 @dataclass(frozen=True)
@@ -29,9 +29,9 @@ class Output:
     """An array of results, not of size 0.
 
     Attributes:
-        target: Names of its address and its row stride.
-        size: Elements of a row.
-        results: Name of the address of a block's vectors.
+        target: Names in IR of its address and its row stride.
+        size: Number of elements of a row.
+        results: Name in IR of the address of a block's vectors.
     """
 
     target: tuple[str, str]
@@ -42,7 +42,7 @@ class Output:
 def output_arrays(
     w: Writer, targets: Sequence[tuple[str, str]], sizes: Sequence[int], results: str
 ) -> list[Output]:
-    """The arrays of results with the addresses of their vectors, those of size 0 left out."""
+    """Return the arrays of results with the addresses of their vectors, without arrays of size 0."""
     outputs, place = [], 0
     for target, size in zip(targets, sizes, strict=True):
         if size:
@@ -52,15 +52,15 @@ def output_arrays(
 
 
 def staging_size(signature: Signature) -> int:
-    """Size of the staging area, two arrays' blocks, in vectors."""
+    """Return the size of the staging area, two arrays' blocks, in vectors."""
     return 2 * max(signature.output_sizes, default=0)
 
 
 class Stream:
-    """Writes the parts of a function that sends results past the caches.
+    """Writer of the parts of a function that send results past the caches.
 
     Args:
-        w: The function; `%count` is the number of states.
+        w: Writer of the function; `%count` is the number of states.
         outputs: The arrays.
         staging: Name of the address of the staging area.
     """
@@ -72,14 +72,14 @@ class Stream:
         self._used, self._aligned = self._is_used()
 
     def takes(self, start: str) -> str:
-        """Write whether the block that starts there is sent: the last one may lack states."""
+        """Write the test whether the block from a state on is sent: the last block may lack states."""
         w = self._w
         end = w.value(f"add nsw i64 {start}, {w.lanes.count}")
         whole = w.value(f"icmp sle i64 {end}, %count")
         return w.value(f"and i1 {self._used}, {whole}")
 
     def put(self, start: str) -> None:
-        """Write how a block of all arrays is put together; the one before is sent."""
+        """Write the assembly of a block of all arrays, which sends the block before."""
         w, lanes = self._w, self._w.lanes
         started = self._waiting(start)
         for i, output in enumerate(self._outputs):
@@ -89,7 +89,7 @@ class Stream:
             store_rows(w, f"stage{i}", rows, output.size, output.results, beside)
 
     def _sender(self, i: int, ends: tuple[str, str], waiting: str) -> Callable[[str], None]:
-        """Writes, for a round of the loop that puts array i together, what of the array before is sent."""
+        """Return a writer that sends a part of the array before, for an iteration that assembles array i."""
         w, size = self._w, self._outputs[i - 1].size
         share = -(-size // rounds(self._outputs[i].size, w.lanes))
 
@@ -109,18 +109,18 @@ class Stream:
         return send
 
     def _before(self, start: str, i: int) -> tuple[str, str]:
-        """Where the array before array i was put together, and where it belongs."""
+        """Return the addresses of the array before array i in the staging area and in its target."""
         w = self._w
         row = start if i else w.value(f"sub nsw i64 {start}, {w.lanes.count}")
         return self._halves(start, i)[1], row_address(w, self._outputs[i - 1].target, row)
 
     def _waiting(self, start: str) -> str:
-        """Whether there is a block before."""
+        """Write the test whether there is a block before."""
         w = self._w
         return w.value(f"and i1 {self._used}, {w.value(f'icmp ne i64 {start}, 0')}")
 
     def finish(self) -> None:
-        """Write how the last block is sent, and a fence: nothing else orders these stores."""
+        """Write the sending of the last block, and a fence: nothing else orders non-temporal stores."""
         w, lanes = self._w, self._w.lanes
         whole = w.value(f"and i64 %count, {-lanes.count}")
         begin = w.value(f"sub nsw i64 {whole}, {lanes.count}")
@@ -134,7 +134,7 @@ class Stream:
         w.line("fence seq_cst")
 
     def _is_used(self) -> tuple[str, str]:
-        """Write whether results are sent, and whether all places are aligned to whole vectors."""
+        """Write the tests whether results are sent, and whether all arrays are aligned to whole vectors."""
         w = self._w
         row = sum(output.size for output in self._outputs) * w.lanes.scalar_bytes
         used = w.value(f"icmp sge i64 %count, {-(-STREAM_FROM // row)}")
@@ -148,7 +148,7 @@ class Stream:
         return w.value(f"and i1 {used}, {some}"), all_
 
     def _halves(self, start: str, number: int) -> tuple[str, str]:
-        """Halves of the staging area for an array's block, and for what was put together before."""
+        """Return the halves of the staging area for an array's block, and for the block before."""
         w = self._w
         block = w.value(f"udiv i64 {start}, {w.lanes.count}")
         item = w.value(f"mul nuw nsw i64 {block}, {len(self._outputs)}")
@@ -158,7 +158,7 @@ class Stream:
         return here, w.value(f"select i1 {odd}, ptr {first}, ptr {second}")
 
     def _send(self, name: str, area: str, goal: str, indices: Sequence[str]) -> None:
-        """Write the sending of some vectors: in halves of 16 bytes where whole ones would not be aligned."""
+        """Write the sending of some vectors, in parts of 16 bytes if whole vectors are not aligned."""
         w = self._w
         vectors = [w.load(w.element_address(area, index)) for index in indices]
         places = [w.element_address(goal, index) for index in indices]

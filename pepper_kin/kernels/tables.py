@@ -11,8 +11,8 @@
     edges = edges_at(memory.address)  # a compiled function has an `Edges` over the same arrays
 
 A function with a signature takes such tuples directly; a C function (`by_address`), whose arguments are
-words, takes the address of a memory.  That is a row of 64-bit words: a number is one, an array its address
-and its lengths, and a tuple within the tuple its fields, in order.
+words, takes the address of a memory.  A memory is a row of 64-bit words: a number is one word, an array its
+address and its lengths, and a tuple within the tuple its fields, in order.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ class TableMemory:
 
     Args:
         kind: The NamedTuple class.
-        **values: Its fields.
+        **values: Values of its fields.
 
     Attributes:
-        words: The words, which machine code reads.
+        words: Words that machine code reads, shape (k,).
     """
 
     def __init__(self, kind: type, **values: Any) -> None:
@@ -53,7 +53,7 @@ class TableMemory:
         return int(self.words.ctypes.data)
 
     def set(self, **values: Any) -> None:
-        """Put other numbers and arrays in the place of some; contiguous arrays of the type are not copied."""
+        """Replace some numbers and arrays; contiguous arrays of the field's dtype are not copied."""
         places, place = {}, 0
         for name, argument in self._record.fields:
             places[name] = argument, place
@@ -66,12 +66,12 @@ class TableMemory:
             self._values[name] = _write(self.words[place:], argument, value, own)
 
     def with_values(self, **values: Any) -> TableMemory:
-        """Return a memory with other values of some fields; the rest of the arrays are the same."""
+        """Return a memory with other values of some fields; the other arrays are shared."""
         return TableMemory(self._record.kind, **(self._values | values))
 
 
 def table_reader(kind: type) -> Intrinsic:
-    """Return the function that gives compiled functions the table at an address; it owns no memory."""
+    """Return a function by which compiled functions read the table at an address; it owns no memory."""
     record = record_of(kind)
 
     def make(typing_context: Any, address: Any) -> Any:
@@ -93,27 +93,27 @@ def table_reader(kind: type) -> Intrinsic:
         memory = (ctypes.c_int64 * _size(record)).from_address(address)
         return _read(np.frombuffer(memoryview(memory), np.int64), record)
 
-    read.__name__ = read.__qualname__ = repr(record)  # for the keys of code that uses it
+    read.__name__ = read.__qualname__ = repr(record)  # for the keys of machine code that uses it
     return intrinsic(make)(read)
 
 
 @compiled
 def take(scratch: Floats1, used: Ints1, size: int) -> Floats1:
-    """Return the next part of a workspace, and count it as used."""
+    """Return the next `size` numbers of a workspace, and advance `used[0]` past them."""
     begin = used[0]
     used[0] = begin + size
     return scratch[begin : begin + size]
 
 
 def _size(argument: Argument) -> int:
-    """How many words a field takes."""
+    """Return the number of words of a field."""
     if isinstance(argument, RecordType):
         return sum(_size(field) for _, field in argument.fields)
     return 1 if isinstance(argument, ScalarType) else 1 + argument.ndim
 
 
 def _write(words: NDArray[np.int64], argument: Argument, value: Any, name: str) -> Any:
-    """Write a field to the words from its first on; return it as it is kept."""
+    """Write a field to its words; return the value that is kept."""
     if isinstance(argument, RecordType):
         kind: Any = argument.kind
         if not isinstance(value, kind):
@@ -137,7 +137,7 @@ def _write(words: NDArray[np.int64], argument: Argument, value: Any, name: str) 
 
 
 def _read(words: NDArray[np.int64], argument: Argument) -> Any:
-    """Return a field, interpreted, from its first word on."""
+    """Return the field of words that begin with it, interpreted."""
     if isinstance(argument, RecordType):
         values, place = [], 0
         for _, field in argument.fields:

@@ -1,4 +1,4 @@
-"""The processor that code is generated for, and how many numbers fit into one of its registers."""
+"""Target processor of generated code, and the number of values in one of its registers."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import llvmlite.binding as llvm
 from pepper_kin.exceptions import InvalidValueError
 
 SCALAR_BYTES: dict[str, int] = {"float64": 8, "float32": 4}
-"""The two number formats of kernels and their size in bytes."""
+"""Number formats of kernels -> size [bytes]."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Target:
 
 
 CPU_VARIABLE = "PEPPER_KIN_CPU"
-"""Environment variable with the name of a processor to make code for, in place of this one."""
+"""Environment variable with the name of a target processor in place of this machine's."""
 
 _LEVEL_2 = "+cx16,+sahf,+popcnt,+sse4.2"
 _LEVEL_3 = f"{_LEVEL_2},+avx,+avx2,+bmi,+bmi2,+f16c,+fma,+lzcnt,+movbe,+xsave"
@@ -49,7 +49,7 @@ _LEVEL_4 = f"{_LEVEL_3},+avx512f,+avx512bw,+avx512cd,+avx512dq,+avx512vl"
 
 
 def portable_target() -> Target:
-    """The processor for which portable code is simplified: the least of its kind."""
+    """Return the processor for which portable code is simplified: the one with the fewest instructions."""
     return make_target(llvm.get_process_triple(), "generic", "")
 
 
@@ -97,7 +97,7 @@ x86-64-v3 has AVX2 and FMA, as processors have since 2013.
 
 @cache
 def made_by() -> str:
-    """Return the versions of what makes code here; they are looked up without importing Numba."""
+    """Return the versions of llvmlite and Numba, looked up without importing Numba."""
     from importlib.metadata import version
 
     return f"llvmlite {version('llvmlite')} numba {version('numba')}"

@@ -1,7 +1,6 @@
-"""Sharing the rows of a batch among threads.
+"""Distribution of the rows of a batch among threads.
 
-Compiled code is called through ctypes, which releases the interpreter's lock, so plain threads run side by
-side.
+Compiled code is called through ctypes, which releases the interpreter's lock, so threads run in parallel.
 """
 
 from __future__ import annotations
@@ -12,12 +11,12 @@ from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
-_PIECES_PER_THREAD = 4  # so that a thread that loses its core for a while leaves the rest to others
-_SMALLEST_PIECE = 512  # rows; below, starting a thread costs more than it brings
-LARGEST_PIECE = 65_536  # rows, after which the interpreter runs: interrupts are handled
+_PIECES_PER_THREAD = 4  # more than one, so that others do the pieces of a thread that loses its core
+_SMALLEST_PIECE = 512  # minimum number of rows: for fewer, starting a thread costs more than it saves
+LARGEST_PIECE = 65_536  # maximum number of rows, after which the interpreter handles interrupts
 
 OWN_THREADS = "pepper_kin"
-"""How the names of threads begin that belong to the library, not to the program that uses it."""
+"""Prefix of the names of threads that belong to the library, not to the program that uses it."""
 
 _lock = threading.Lock()
 _pool: ThreadPoolExecutor | None = None
@@ -37,10 +36,10 @@ def run_in_pieces(
     Args:
         count: Number of rows.
         threads: Number of threads, the calling one included.
-        multiple: Ranges start at multiples of this.
-        run: Called from several threads at once; an exception is passed on to the caller.
-        most: Rows of a range, `multiple` or more.
-        progress: Called from the calling thread with about the number of rows done.
+        multiple: Ranges start at multiples of this number.
+        run: Function that is called from several threads at once; its exception is passed to the caller.
+        most: Maximum number of rows of a range, at least `multiple`.
+        progress: Function that is called from the calling thread with about the number of rows done.
     """
     pieces = 1 if threads == 1 else threads * _PIECES_PER_THREAD
     length = min(max(_SMALLEST_PIECE, -(-count // pieces)), max(most // multiple, 1) * multiple)
@@ -73,7 +72,7 @@ def run_in_pieces(
 
 
 def _executor(helpers: int) -> ThreadPoolExecutor:
-    """A pool with at least so many threads; it lives as long as the process."""
+    """Return a pool with at least a number of threads; it lives as long as the process."""
     global _pool, _pool_size
     with _lock:
         if _pool is None or _pool_size < helpers:
@@ -82,7 +81,7 @@ def _executor(helpers: int) -> ThreadPoolExecutor:
 
 
 def _forget_pool() -> None:
-    """In a forked child the pool's threads do not exist."""
+    """Replace the pool in a forked child, where its threads do not exist."""
     global _lock, _pool, _pool_size
     _lock, _pool, _pool_size = threading.Lock(), None, 0
 

@@ -42,7 +42,7 @@ def _emit_tile(
         test, body, after = (builder.append_basic_block(name) for name in ("test", "body", "after"))
         builder.branch(test)
         builder.position_at_end(test)
-        places = [builder.phi(word) for _ in range(3)]  # of the count, of the left and of the right row
+        places = [builder.phi(word) for _ in range(3)]  # counter, addresses of the left and right row
         sums = [[builder.phi(vector) for _ in range(vectors)] for _ in range(TILE_ROWS)]
         for phi, first in zip(places, (word(0), left, right), strict=True):
             phi.add_incoming(first, before)
@@ -86,14 +86,14 @@ def _emit_tile(
 def add_tile(
     target: int, target_stride: int, left: int, right: int, stride: int, count: int, share: float
 ) -> None:
-    """Add share * sum_r left_r^T right_r to a tile; rows begin at addresses, and overlap no row of the tile.
+    """Add share * sum_r left_r^T right_r to a tile; rows overlap no row of the tile.
 
     Args:
-        target: First of the four rows of eight numbers that are added to.
-        target_stride: Numbers from one of them to the next.
-        left: First row of four numbers.
-        right: First row of eight numbers.
-        stride: Numbers from one row to the next, of both.
+        target: Address of the tile, four rows of eight numbers.
+        target_stride: Stride of the tile's rows, in numbers.
+        left: Address of the first left row of four numbers.
+        right: Address of the first right row of eight numbers.
+        stride: Stride of the left and of the right rows, in numbers.
         count: Number of rows.
         share: Factor of the sum.
     """

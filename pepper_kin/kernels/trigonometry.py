@@ -4,7 +4,7 @@ Cody and Waite: with n the integer next to x * 2 / pi, the remainder is r = ((x 
 P1 + P2 + P3 = pi / 2 to about three times the working precision.  P1 and P2 have so few bits that n P1 and n
 P2 are exact; x - n P1 is exact as well, because both are close multiples of the same power of two.  Only the
 other two differences round, each to the last bit of r, so r is right to one unit in the last place even
-beside a multiple of pi.  On |r| <= pi / 4, with z = r * r,
+near a multiple of pi.  On |r| <= pi / 4, with z = r * r,
 
     sin r = r + r z (s0 + s1 z + ...),        cos r = 1 + z (-1/2 + z (c0 + c1 z + ...)),
 
@@ -60,7 +60,7 @@ _SINGLE = _Precision(
 
 
 def range_limit(dtype: str, has_fma: bool) -> float:
-    """Largest |x| [rad] of the fast path: beyond it, n P1 is no longer exact or n not the nearest integer."""
+    """Return the maximum |x| [rad] of the fast path: beyond, n P1 is inexact or n not the nearest integer."""
     if dtype == "float32":
         return 2.0**16
     return 2.0**28 if has_fma else 2.0**14
@@ -70,13 +70,14 @@ def sine_cosine_functions(constants: ConstantTable, has_fma: bool) -> str:
     """IR of `{vector, vector} @sine_cosine(vector, constants)`: sine and cosine of every lane.
 
     Vectors with a lane beyond `range_limit` (or NaN) go lane by lane to the C library.  `@sine_cosine` is
-    copied into its caller, which is fast in a loop; `@sine_cosine_called` is the same as a call, which keeps
-    straight-line code with many angles short.
+    inlined into its caller, which is fast in a loop; `@sine_cosine_called` is the function as a call, which
+    keeps straight-line code with many angles short.
     """
     return _near_function(constants, has_fma) + _called_function(constants) + _far_function(constants)
 
 
 def _near_function(constants: ConstantTable, has_fma: bool) -> str:
+    """IR of `@sine_cosine`: the fast path, or `@sine_cosine_far` if a lane is out of its range."""
     lanes, v = constants.lanes, constants.lanes.vector
     w = Writer(lanes, constants)
     pair = f"{{{v}, {v}}}"
@@ -105,7 +106,7 @@ def _near_function(constants: ConstantTable, has_fma: bool) -> str:
 
 
 def _reduce(w: Writer, x: str, precision: _Precision) -> tuple[str, str]:
-    """Number of quarter turns (as the integer in the low bits) and the remainder in [-pi/4, pi/4]."""
+    """Return the number of quarter turns (the integer in the low bits) and the remainder in [-pi/4, pi/4]."""
     lanes, v = w.lanes, w.lanes.vector
     magic = w.constant(precision.magic)
     shifted = w.multiply_add(x, w.constant(2 / math.pi), magic)
@@ -118,7 +119,7 @@ def _reduce(w: Writer, x: str, precision: _Precision) -> tuple[str, str]:
 
 
 def _reduce_in_double(w: Writer) -> tuple[str, str]:
-    """The same for floats on a processor without fused instructions, where n P1 would not be exact."""
+    """Return quarter turns and remainder of floats via doubles, without fused instructions for exact n P1."""
     wide = Writer(Lanes("float64", w.lanes.count), None, w.lines, _count=w._count)
     x = wide.value(f"fpext {w.lanes.vector} %x to {wide.lanes.vector}")
     integers, remainder = _reduce(wide, x, _DOUBLE)
@@ -128,6 +129,7 @@ def _reduce_in_double(w: Writer) -> tuple[str, str]:
 
 
 def _sine_cosine_of_remainder(w: Writer, r: str, quarter_turns: str) -> tuple[str, str]:
+    """Return sine and cosine of x from the remainder r and the number of quarter turns."""
     lanes, v, i = w.lanes, w.lanes.vector, w.lanes.integer
     precision = _DOUBLE if lanes.dtype == "float64" else _SINGLE
     z = w.binary("fmul", r, r)
@@ -151,7 +153,7 @@ def _sine_cosine_of_remainder(w: Writer, r: str, quarter_turns: str) -> tuple[st
 
 
 def _with_sign_of(w: Writer, sine: str, r: str) -> str:
-    """Give a zero the sign of r, as -0 + 0 is 0; other sines have it already."""
+    """Return the sine with the sign of r: -0 + 0 is 0, other sines have the sign already."""
     v, i = w.lanes.vector, w.lanes.integer
     sign_bit = w.lanes.splat_integer(-(2 ** (8 * w.lanes.scalar_bytes - 1)))
     sign = w.binary("and", w.value(f"bitcast {v} {r} to {i}"), sign_bit, i)
@@ -167,6 +169,7 @@ def _called_function(constants: ConstantTable) -> str:
 
 
 def _far_function(constants: ConstantTable) -> str:
+    """IR of `@sine_cosine_far`, which calls the C library for each lane."""
     lanes, v = constants.lanes, constants.lanes.vector
     w = Writer(lanes, constants)
     pair, ending = f"{{{v}, {v}}}", "" if lanes.dtype == "float64" else "f"

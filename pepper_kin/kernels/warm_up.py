@@ -1,4 +1,4 @@
-"""Machine code that is missing, made by processes on all cores while this one waits."""
+"""Build of missing machine code by processes on all cores while this process waits."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ from pepper_kin.kernels.store import can_write, is_collecting, is_kept, is_known
 from pepper_kin.kernels.working_time import not_counted
 
 _POLL = 0.02
-"""Interval of looking whether the code that is waited for is there [s]."""
+"""Interval between checks for the code that is waited for [s]."""
 
 _FEW = 2
-"""Number of units from which on processes are started: less is made sooner without."""
+"""Minimum number of units for which processes are started: fewer are made sooner without."""
 
 
 class Build:
-    """A process that has others make machine code (`parallel_build`); it ends when this process does.
+    """A process that makes machine code in parallel (`parallel_build`); it ends when this process ends.
 
     Args:
         modules: Names of the modules whose code is made first.
-        only: Whether no other is made.
-        nice: Whether to leave the processors to others.
-        wheel: Platform tag of the wheel that the code is for; for this processor if left out.
+        only: Whether only the code of `modules` is made.
+        nice: Whether the build runs at low priority.
+        wheel: Platform tag of the wheel for which code is made; for this processor if omitted.
 
     Attributes:
-        progress: How far it has come.
+        progress: Progress of the build.
     """
 
     def __init__(
@@ -48,7 +48,7 @@ class Build:
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
-            # Numba counts references in the order of a set of names, which is that of their hashes.
+            # Numba emits reference counting in the order of a set of names, which depends on their hashes.
             env={name: value for name, value in os.environ.items() if name != INTERPRETER}
             | {"PYTHONHASHSEED": "0"},
         )
@@ -57,30 +57,30 @@ class Build:
             threading.Thread(target=read, daemon=True).start()
 
     def ask(self, module: str) -> None:
-        """Have the code of a module made as soon as possible."""
+        """Request that the code of a module is made as soon as possible."""
         assert self._process.stdin is not None
         with contextlib.suppress(OSError):
             self._process.stdin.write(f"{module}\n")
             self._process.stdin.flush()
 
     def end(self) -> None:
-        """End it; what has been made is kept."""
+        """End the process; code that has been made is kept."""
         self._process.terminate()
         self._process.wait()
 
     @property
     def is_running(self) -> bool:
-        """Whether it still makes code."""
+        """Whether the process still runs."""
         return self._process.poll() is None
 
     def finish(self, report: Callable[[BuildProgress], None]) -> None:
-        """Wait until all is made.
+        """Wait until all code is made.
 
         Args:
-            report: Called with the progress, again and again.
+            report: Function that is called with the progress repeatedly.
 
         Raises:
-            RuntimeError: A process failed; with the last line that it printed.
+            RuntimeError: A process failed; the message has the last line that it printed.
         """
         while self.is_running:
             report(self.progress)
@@ -100,11 +100,11 @@ class Build:
 
 
 def wait_for(unit: Unit) -> None:
-    """Have processes make the code that is missing, and wait for that of a unit.
+    """Make missing code by processes, and wait for the code of a unit.
 
-    Where nothing is compiled yet, they make all of it, and go on while this process does with what it has;
-    where some sources have changed, the units of imported modules that have.  Where they fail, or the unit
-    is the only one, it is still missing when this returns.
+    If nothing is compiled yet, the processes make all code, and continue while this process uses the code it
+    has; if some sources have changed, they make the changed units of imported modules.  If a process fails,
+    or the unit is the only missing one, its code is still missing on return.
     """
     if (
         is_collecting()
@@ -128,7 +128,7 @@ def wait_for(unit: Unit) -> None:
 
 
 def _started() -> Build | None:
-    """Return the build of this process, started at the first call; None where so little is missing."""
+    """Return the build of this process, started at the first call; None if little code is missing."""
     global _build
     if _build is None:
         missing, of = missing_modules()
@@ -141,6 +141,6 @@ _build: Build | None = None
 
 
 def missing_modules() -> tuple[list[str], int]:
-    """Return those imported modules of the package whose machine code is missing, and how many there are."""
+    """Return the imported modules of the package whose code is missing, and the number of all imported."""
     own = [unit for unit in units() if unit.module.startswith("pepper_kin.")]
     return [unit.module for unit in own if not is_known(unit.key())], len(own)

@@ -1,8 +1,8 @@
-"""The machine code that a wheel brings: one file, for the processors of the wheel's platform.
+"""Machine code in a wheel: one file, for the processors of the wheel's platform.
 
-`build_backend.py` makes it where a wheel is built for a platform (see `docs/kernels.md`); a clone has none.
-A part whose sources have changed since has another key and is not found.  Parts lie one after the other,
-uncompressed: a start reads those that it needs.  (The wheel is compressed as a whole.)
+`build_backend.py` makes it when a wheel is built for a platform (see `docs/kernels.md`); a clone has none.
+A part whose sources have changed has another key and is not found.  Parts lie one after the other,
+uncompressed: a process reads only the parts that it needs.  (The wheel is compressed as a whole.)
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ _DIGEST_SIZE = hashlib.sha256().digest_size
 
 
 def wheel_code_path() -> Path:
-    """Return the place of the file in the package."""
+    """Return the path of the file in the package."""
     return Path(__file__).with_name("data") / "wheel.code"
 
 
 def wheel_part(name: str, key: str) -> tuple[bytes, Target] | None:
-    """Return the part of a key, or None where the file does not have it or cannot be used.
+    """Return the part of a key, or None if the file does not have it or cannot be used.
 
     Args:
         name: Name of the part, for the message about a damaged one.
-        key: Hash of all that it was made from.
+        key: Hash of all inputs of the part.
     """
     index = _index()
     entry = None if index is None else index.entries.get(key)
@@ -51,8 +51,8 @@ def write_wheel_code(parts: Mapping[str, tuple[str, bytes]], target: Target, pat
 
     Args:
         parts: Key -> name and content, in the order in which they are first needed.
-        target: The processor that they are for.
-        path: Where to.
+        target: The processor for which they are made.
+        path: Path of the file.
 
     Returns:
         Size of the file [bytes].
@@ -75,7 +75,7 @@ def has_wheel_part(key: str) -> bool:
 
 
 def wheel_processor() -> str | None:
-    """Return LLVM's name of the processor that the file is for; None where none can be used here."""
+    """Return LLVM's name of the file's processor; None if no file can be used here."""
     index = _index()
     return None if index is None else index.target.cpu
 
@@ -88,7 +88,7 @@ class _Entry(NamedTuple):
     checksum: str
 
     def read(self, path: Path) -> bytes | None:
-        """Return its content, or None where it is damaged."""
+        """Return the part's content, or None if it is damaged."""
         try:
             with path.open("rb") as file:
                 file.seek(self.offset)
@@ -99,7 +99,7 @@ class _Entry(NamedTuple):
 
 
 class _Index(NamedTuple):
-    """What a file holds."""
+    """Path, processor and parts of a file."""
 
     path: Path
     target: Target
@@ -108,7 +108,7 @@ class _Index(NamedTuple):
 
 @cache
 def _index() -> _Index | None:
-    """Return what the file holds, or None where there is none that can be used; the reason is noted."""
+    """Return the index of the file, or None if no file can be used; the reason is recorded."""
     path = wheel_code_path()
     read = _read_head(path)
     if read is None:
@@ -131,7 +131,7 @@ def _index() -> _Index | None:
 
 
 def _read_head(path: Path) -> tuple[dict[str, Any], int] | None:
-    """Return the head of a file and the offset of its first part, or None where it cannot be used."""
+    """Return the head of a file and the offset of its first part, or None if it cannot be used."""
     try:
         with path.open("rb") as file:
             digest, line = file.read(_DIGEST_SIZE), file.readline()
@@ -151,7 +151,7 @@ def _read_head(path: Path) -> tuple[dict[str, Any], int] | None:
 
 
 def _system(triple: str) -> tuple[str, str]:
-    """Return processor and operating system of a triple, without the version of the system."""
+    """Return the processor and operating system of a triple, without the system's version."""
     processor = triple.partition("-")[0].replace("arm64", "aarch64")
     return processor, next((name for name in ("linux", "darwin", "windows") if name in triple), triple)
 

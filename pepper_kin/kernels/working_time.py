@@ -1,4 +1,4 @@
-"""The clock of time limits, which stands while machine code is made or another library is loaded."""
+"""Clock of time limits, which is paused while machine code is made or another library is loaded."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from typing import NamedTuple
 
 
 class _ClockState(NamedTuple):
-    """How the clock stands.
+    """State of the clock.
 
     Attributes:
-        holders: How many calls keep it standing.
-        since: Since when, on `perf_counter` [s].
-        stood: How long it stood before [s].
+        holders: Number of calls that pause the clock.
+        since: Start of the pause, on `perf_counter` [s].
+        stood: Total time of earlier pauses [s].
     """
 
     holders: int
@@ -28,20 +28,20 @@ _state = _ClockState(0, 0.0, 0.0)
 
 
 def working_time() -> float:
-    """Return the time of `perf_counter` less the time that the clock stood, in any thread [s]."""
+    """Return the time of `perf_counter` minus the time of all pauses, in any thread [s]."""
     holders, since, stood = _state
     return (since if holders else perf_counter()) - stood
 
 
 def on_perf_counter(time: float) -> float:
-    """Return when the clock shows a time, on `perf_counter`, unless it stands meanwhile [s]."""
+    """Return the time on `perf_counter` at which the clock shows a time, without further pauses [s]."""
     holders, since, stood = _state
     return time + stood + (perf_counter() - since if holders else 0.0)
 
 
 @contextlib.contextmanager
 def not_counted() -> Iterator[None]:
-    """Let the clock stand, for all threads: one that makes code holds up those that need it."""
+    """Pause the clock for all threads within a `with` block: a thread that makes code delays the others."""
     global _state
     with _lock:
         holders, since, stood = _state

@@ -81,7 +81,7 @@ class Lanes:
 
 @dataclass
 class ConstantTable:
-    """The vector constants of a module, in one array; functions get its address as `%constants`.
+    """Vector constants of a module, in one array; functions get its address as `%constants`.
 
     LLVM's own constant pool may end up anywhere in a 64-bit address space when code is loaded at run time, so
     each use would first need the pool's 64-bit address in a register (a fifth of all instructions, measured).
@@ -96,20 +96,20 @@ class ConstantTable:
         return self._indices.setdefault(self.lanes.splat(value), len(self._indices))
 
     def definition(self) -> str:
-        """IR of the table.  It is a variable that others could write, so that LLVM does not fold it away."""
+        """IR of the table, an exported variable, so that LLVM does not fold its values."""
         vectors = ", ".join(f"{self.lanes.vector} {vector}" for vector in self._indices)
         return f"@constants = global [{len(self._indices)} x {self.lanes.vector}] [{vectors}], align 64\n"
 
 
 @dataclass
 class Writer:
-    """Grows the body of one IR function.
+    """Writer of the body of one IR function.
 
     Attributes:
         lanes: The vector type.
-        constants: The table of constants, its address being `%constants` in the function; None to write
+        constants: The table of constants, whose address is `%constants` in the function; None to write
             constants where they are used.
-        lines: What has been written.
+        lines: Lines written so far.
     """
 
     lanes: Lanes
@@ -160,21 +160,21 @@ class Writer:
         return self.value(f"getelementptr inbounds {element or self.lanes.vector}, ptr {base}, i64 {index}")
 
     def load(self, address: str) -> str:
-        """Write the load of a vector that is aligned like one number only."""
+        """Write the load of a vector that has only the alignment of one number."""
         return self.value(f"load {self.lanes.vector}, ptr {address}, align {self.lanes.scalar_bytes}")
 
     def store(self, value: str, address: str) -> None:
-        """Write the store of a vector to an address aligned like one number only."""
+        """Write the store of a vector to an address that has only the alignment of one number."""
         self.line(f"store {self.lanes.vector} {value}, ptr {address}, align {self.lanes.scalar_bytes}")
 
     def loop(self, name: str, count: int | str, step: int, body: Callable[[str], None]) -> None:
         """Write `for (i64 i = 0; i < count; i += step) body(i)`.
 
         Args:
-            name: Start of the labels; unique in the function.
-            count: A number, or the name of an i64.
-            step: Added to the index each time round.
-            body: Writes the body; gets the name of the index.  It may contain loops.
+            name: Prefix of the labels; unique in the function.
+            count: End of the index: a number, or the name of an i64.
+            step: Increment of the index per iteration.
+            body: Function that writes the body; gets the name of the index.  The body may contain loops.
         """
         if count == 0:
             return
@@ -198,7 +198,7 @@ class Writer:
         self.label(f"{name}_end")
 
     def function(self, header: str) -> str:
-        """The text of the whole function: `header`, then what has been written."""
+        """Return the text of the whole function: `header`, then the lines."""
         return "\n".join((f"define {header} {{", *self.lines, "}", ""))
 
 

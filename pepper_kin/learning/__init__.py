@@ -1,23 +1,23 @@
 """Pepper's twin as environments of Gymnasium: `pip install pepper_kin[learning]`.
 
     PepperVectorEnv, PepperEnv    many environments in one batch of twins, and one
-    TASKS, RobotTask, ReachTask   what is asked, and how it is scored
-    TaskState                     what a task knows of the robots between two steps
-    Randomization                 robots that differ, by ranges
-    to_sb3, to_rsl_rl             the environments as stable-baselines3 and RSL-RL take them
+    TASKS, RobotTask, ReachTask   tasks with episodes, goals and scores
+    TaskState                     state of the robots between two steps, for a task
+    Randomization                 ranges by which robots differ
+    to_sb3, to_rsl_rl             environments for stable-baselines3 and RSL-RL
     imitate, Round                a policy from a teacher, in NumPy
-    Policy, load_policy           small networks that act, and their files
+    Policy, load_policy           policies as small networks, and their files
     run_policy, Episode           a policy on a twin with contacts and latency, or on NAOqi's ALMotion
-    best_policy, try_policy, Trial   what `pepper-kin learn` does
-    train_by_ppo                  the same by PPO of stable-baselines3
-    success_rate                  how many episodes of a policy end in success
-    Oracle                        solves the tasks by the methods of this library: what can be reached at all
+    best_policy, try_policy, Trial   training and trial of a policy, as `pepper-kin learn` does
+    train_by_ppo                  a policy by PPO of stable-baselines3
+    success_rate                  fraction of a policy's episodes that end in success
+    Oracle                        solves the tasks by the methods of this library: an upper bound on success
 
-Importing it registers `PepperReach-v0` and the others of `TASKS`, for `gymnasium.make` and for
+Importing it registers `PepperReach-v0` and the other tasks of `TASKS`, for `gymnasium.make` and for
 `gymnasium.make_vec(..., vectorization_mode="vector_entry_point")`.
 """
 
-# ruff: noqa: E402 -- what is not installed is said first
+# ruff: noqa: E402 -- a missing package is reported first
 
 from pepper_kin.call_errors import name_options
 from pepper_kin.exceptions import optional

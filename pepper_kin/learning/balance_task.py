@@ -1,4 +1,4 @@
-"""A robot on its wheels that is pushed, and must lean against the push."""
+"""Task of a robot on its wheels that is pushed and must lean against the push."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from pepper_kin.twin import TwinBatch
 from pepper_kin.twin.base import BalanceMonitor, BatchTipping
 
 PUSHED = "Neck"
-_HARDEST = 60.0  # [N]
-_RISE = 1.2  # [s] in which a push rises to its force
-_AHEAD = 3  # steps that the oracle is ahead of the push
-_FALLEN = 0.25  # [rad] of tilt: the center of mass is over the edge
-_SPARE, _DOOMED = 0.02, -0.01  # [m] of margin that leaning leaves at least, and standing still at most
+_HARDEST = 60.0  # maximum force of a push [N]
+_RISE = 1.2  # time in which a push rises to its force [s]
+_AHEAD = 3  # number of steps by which the oracle is ahead of the push
+_FALLEN = 0.25  # tilt that counts as a fall [rad]: the center of mass is over the edge
+_SPARE, _DOOMED = 0.02, -0.01  # minimum margin when leaning, and maximum margin when standing still [m]
 
 
 @dataclass(frozen=True)
 class BalanceTask(RobotTask):
     """A push at the neck that rises in 1.2 s and stays: a robot that does not lean against it tips over.
 
-    What is led is the zero-moment point of the level robot, to the middle of the wheels; to tilt by 0.25 rad
-    is to fail.
+    The achieved goal is the zero-moment point of the level robot, the desired goal the middle of the wheels;
+    a tilt of 0.25 rad is a failure.
     """
 
     horizon: int = 100
@@ -41,7 +41,7 @@ class BalanceTask(RobotTask):
         return joint_indices(pepper, ["HipRoll", "HipPitch", "KneePitch"])
 
     def episodes(self, pepper: PepperModel, speed: float, period: float, seed: int) -> Array:
-        """Return pushes [N], shape (m, 2), and which posture withstands each, shape (m, 1)."""
+        """Return pushes [N] and the index of the posture that withstands each, shape (m, 3)."""
         return pushes_of(pepper, self, seed)[0]
 
     def force(self, state: TaskState) -> Array:
@@ -49,17 +49,17 @@ class BalanceTask(RobotTask):
         return np.pad(_risen(state.time) * state.episode[:, :2], ((0, 0), (0, 1)))
 
     def base(self, pepper: PepperModel, count: int) -> TippingBase:
-        """Return the wheels that N robots stand on."""
+        """Return the wheels of N robots."""
         tipping = BatchTipping(_monitor(pepper), count, fallen_at=_FALLEN)
         return TippingBase(tipping, np.tile(_at_rest(pepper), (count, 1)))
 
     def measure(self, twins: TwinBatch, base: TippingBase) -> Tilt:
-        """Return how the robots stand."""
+        """Return the tilts and zero-moment points of the robots."""
         tipping = base.tipping
         return Tilt(tipping.angle, tipping.rate, tipping.edge, tipping.fallen, base.point.copy())
 
     def simulate(self, state: TaskState, actions: Array, twins: TwinBatch, base: TippingBase) -> np.ndarray:
-        """Let the robots do actions while they are pushed; see `RobotTask.simulate`."""
+        """Simulate a step of actions while the robots are pushed; see `RobotTask.simulate`."""
         q, force = state.position.copy(), self.force(state)
         wrench = np.pad(force, ((0, 0), (0, 3)))
         load = dynamics.external_torque(state.pepper, q, {PUSHED: wrench})
@@ -74,7 +74,7 @@ class BalanceTask(RobotTask):
         return sound
 
     def reset(self, state: TaskState, rows: np.ndarray, twins: TwinBatch, base: TippingBase) -> None:
-        """Put robots to where episodes begin, level; see `RobotTask.reset`."""
+        """Set robots to the start of their episodes, level; see `RobotTask.reset`."""
         super().reset(state, rows, twins, base)
         base.tipping.reset(rows)
         base.point[rows] = _at_rest(state.pepper)
@@ -89,9 +89,9 @@ class BalanceTask(RobotTask):
         return np.tile(middle, (len(state.position), 1, 1))
 
     def extra_observation(self, state: TaskState) -> Array:
-        """Return the present push over 60 N, and about which axis the robots tilt and how fast, shape (N, 6).
+        """Return the present push over 60 N, and axis, angle and rate of the tilt, shape (N, 6).
 
-        The tilt is in shares of 0.25 rad, its rate in rad/s.
+        The tilt is relative to 0.25 rad, its rate in rad/s.
         """
         tilt, contacts = state.measured, _monitor(state.pepper).contacts
         side = np.roll(contacts, -1, axis=0) - contacts
@@ -100,7 +100,7 @@ class BalanceTask(RobotTask):
         return np.concatenate([self.force(state)[:, :2] / _HARDEST, angle / _FALLEN, rate], axis=1)
 
     def score(self, state: TaskState, achieved: Array, desired: Array) -> Score:
-        """Return how far the points are from the middle, and which robots fall; see `RobotTask.score`."""
+        """Return the scores, with robots that fall as failed; see `RobotTask.score`."""
         found, tilt = super().score(state, achieved, desired), state.measured
         return found._replace(success=tilt.edge < 0, failed=tilt.fallen)
 
@@ -112,18 +112,18 @@ class BalanceTask(RobotTask):
 
 
 class TippingBase(NamedTuple):
-    """The wheels that N robots stand on: their tilts, and zero-moment points [m], far away for none."""
+    """Wheels of N robots: tilts about wheels, and zero-moment points [m], far away for none."""
 
     tipping: BatchTipping
     point: Array
 
 
 class Tilt(NamedTuple):
-    """How N robots stand.
+    """Tilts and zero-moment points of N robots.
 
     Attributes:
         angle: Tilts [rad], shape (N,).
-        rate: [rad/s], shape (N,).
+        rate: Rates of the tilts [rad/s], shape (N,).
         edge: Edges that the robots tilt about, -1 for none, shape (N,).
         fallen: Which robots have fallen, shape (N,).
         point: Zero-moment points [m], shape (N, 2).
@@ -138,6 +138,7 @@ class Tilt(NamedTuple):
 
 @kept_for_robot(most=8)
 def _at_rest(pepper: PepperModel) -> Array:
+    """Return x and y of the center of mass in the neutral posture [m], shape (2,)."""
     return dynamics.center_of_mass(pepper, pepper.neutral())[:2]
 
 
@@ -147,7 +148,7 @@ def _monitor(pepper: PepperModel) -> BalanceMonitor:
 
 
 def _risen(time: Array) -> Array:
-    """Return the share of a push after a time [s], shape (N, 1)."""
+    """Return the ratio of a push to its final force after a time [s], shape (N, 1)."""
     share = np.minimum(time / _RISE, 1.0)[:, np.newaxis]
     return share * share * (3.0 - 2.0 * share)
 
@@ -157,7 +158,7 @@ def pushes_of(pepper: PepperModel, task: BalanceTask, seed: int) -> tuple[Array,
     """Return episodes, shape (m, 3), and postures that withstand their pushes [rad], shape (m, n).
 
     Raises:
-        InvalidValueError: where the robot withstands none.
+        InvalidValueError: if the robot withstands no push.
     """
     drawn = np.random.default_rng(seed)
     angle, size = drawn.uniform(-np.pi, np.pi, 4 * BANK), drawn.uniform(0.4, 1.0, 4 * BANK) * _HARDEST

@@ -1,4 +1,4 @@
-"""A hand to a point among things that must not be touched."""
+"""Task of a hand that reaches a point among objects that must not be touched."""
 
 from __future__ import annotations
 
@@ -17,38 +17,38 @@ from pepper_kin.learning.task import TaskState, planned_path, touching, with_goa
 from pepper_kin.model import PepperModel, kept_for_robot
 
 SCENES = 8
-_GOALS = 96  # in each scene
-_TRIED = 800
-_SPARE = 0.02  # [m] by which things are larger to the planner on every side
-_LEAD = 0.1  # [s], for the time that shaped commands take
+_GOALS = 96  # number of goals in each scene
+_TRIED = 800  # number of goals tried in each scene
+_SPARE = 0.02  # enlargement of objects for the planner on every side [m]
+_LEAD = 0.1  # lead of the oracle, for the lag of shaped commands [s]
 _BOXES = ((0.3, 0.5, 0.04), (0.08, 0.08, 0.25), (0.1, 0.2, 0.1))
 
 
 @dataclass(frozen=True)
 class ClearTask(ReachTask):
-    """A hand to a point past a shelf, a post and a box, in one of eight arrangements; to touch is to fail."""
+    """Reach a point past a shelf, a post and a box, in one of eight arrangements; a touch is a failure."""
 
     horizon: int = 100
 
     def arrangement(self, kind: int, grown: float = 0.0) -> Scene:
-        """Return an arrangement of things, by its number from 0 to `SCENES` - 1, so much larger [m]."""
+        """Return an arrangement of objects, by its index from 0 to `SCENES` - 1, enlarged by `grown` [m]."""
         return _arranged(self.hands[0] == "left", kind, grown)
 
     def episodes(self, pepper: PepperModel, speed: float, period: float, seed: int) -> Array:
-        """Return goals [m] and numbers of arrangement and path, shape (m, 5).
+        """Return goals [m] and indices of arrangement and path, shape (m, 5).
 
-        For each there is a path that keeps clear; see `ReachTask.episodes`.
+        Each goal has a collision-free path; see `ReachTask.episodes`.
         """
         return paths_of(pepper, self, speed, period, seed)[0]
 
     def extra_observation(self, state: TaskState) -> Array:
-        """Return from the hand to the middles of the three things [m], shape (N, 9)."""
+        """Return the vectors from the hand to the centers of the three objects [m], shape (N, 9)."""
         kinds, hand = state.episode[:, 3].astype(np.int64), self.achieved_goal(state)
         middles = np.array([_middles(self.arrangement(kind)) for kind in range(SCENES)])
         return (middles[kinds] - hand).reshape(len(hand), -1)
 
     def score(self, state: TaskState, achieved: Array, desired: Array) -> Score:
-        """Return how states meet goals, and which robots touch anything; see `RobotTask.score`."""
+        """Return the scores, with robots that touch anything as failed; see `RobotTask.score`."""
         touch = touching(state.pepper, state.position, state.episode[:, 3], self.arrangement)
         return super().score(state, achieved, desired)._replace(failed=touch)
 
@@ -59,7 +59,7 @@ class ClearTask(ReachTask):
         return paths[state.episode[:, 4].astype(np.int64), np.minimum(step, paths.shape[1] - 1)]
 
     def scene(self, state: TaskState, row: int) -> Scene:
-        """Return the goal and the things."""
+        """Return the goal and the objects."""
         return with_goals(self.arrangement(int(state.episode[row, 3])), self.desired_goal(state)[row])
 
 
@@ -94,6 +94,7 @@ def paths_of(
 
 @cache
 def _arranged(left: bool, kind: int, grown: float) -> Scene:
+    """Return an arrangement on the side of the left or right hand, drawn by its index; cached."""
     drawn, scene = np.random.default_rng([7, kind]), Scene()
     x, y = drawn.uniform(0.3, 0.45, 3), drawn.uniform(0.05, 0.4, 3)
     z = drawn.uniform((0.75, 0.75, 0.7), (1.05, 0.95, 1.1))
@@ -104,5 +105,5 @@ def _arranged(left: bool, kind: int, grown: float) -> Scene:
 
 
 def _middles(scene: Scene) -> Array:
-    """Return where the middles of things are [m], shape (k, 3)."""
+    """Return the centers of the objects of a scene [m], shape (k, 3)."""
     return np.array([item.transform_object_to_world[:3, 3] for item in scene.objects.values()])

@@ -1,4 +1,4 @@
-"""A base that drives to a place past obstacles that its lasers see."""
+"""Task of a base that drives to a goal past obstacles that its lasers measure."""
 
 from __future__ import annotations
 
@@ -29,21 +29,21 @@ from pepper_kin.twin.sensors.batch import BatchRanges
 
 ROOMS = 8
 BASE = ("BaseX", "BaseY", "BaseYaw")
-_SIZE, _WALL, _HIGH = 4.0, 0.1, 1.2  # of a room [m]
-_PATHS, _TRIED = 40, 300  # in each room
-_SPARE = 0.06  # [m] by which things are larger to the planner on every side
-_CRUISE = 0.85  # of the speed that commands use, of the planned motions
-_LEAD = 0.1  # [s] by which the oracle is ahead
-_FARTHEST = 3.0  # [m] that lasers see
+_SIZE, _WALL, _HIGH = 4.0, 0.1, 1.2  # side of a room, thickness of a wall, height of walls and boxes [m]
+_PATHS, _TRIED = 40, 300  # number of paths, and of attempts, in each room
+_SPARE = 0.06  # enlargement of objects for the planner on every side [m]
+_CRUISE = 0.85  # speed of the planned motions relative to the speed that commands use
+_LEAD = 0.1  # lead of the oracle [s]
+_FARTHEST = 3.0  # maximum range of the lasers [m]
 _BASE = OmniBase()
 
 
 class BaseMotion(NamedTuple):
-    """Where N bases are, and how they move.
+    """Poses and twists of N bases.
 
     Attributes:
         pose: x, y [m] and yaw [rad] in the world, shape (N, 3).
-        twist: In their axes [m/s, rad/s], shape (N, 3).
+        twist: Twists in the bases' axes [m/s, rad/s], shape (N, 3).
     """
 
     pose: Array
@@ -52,11 +52,11 @@ class BaseMotion(NamedTuple):
 
 @dataclass(frozen=True)
 class DriveTask(RobotTask):
-    """A base to within 15 cm of a place in one of eight rooms with five boxes each; to touch is to fail.
+    """Drive to within 15 cm of a goal in one of eight rooms with five boxes each; a touch is a failure.
 
-    An action is the twist in the base's axes, 1 for its limits times `speed`, in which the base follows
-    within its accelerations.  The arms hold still.  What is observed besides are the distances that the three
-    lasers measure over 3 m, 45 of them, the way to go in the base's axes, and the twist.
+    An action is the twist in the base's axes, 1 for its limits times `speed`; the base follows it within its
+    accelerations.  The arms do not move.  Further observations are the 45 distances of the three lasers over
+    3 m, the vector to the goal in the base's axes, and the twist.
     """
 
     horizon: int = 500
@@ -72,23 +72,23 @@ class DriveTask(RobotTask):
         return joint_indices(pepper, list(BASE))
 
     def room(self, kind: int, grown: float = 0.0) -> Scene:
-        """Return a room, by its number from 0 to `ROOMS` - 1, with things so much larger [m]."""
+        """Return a room, by its index from 0 to `ROOMS` - 1, with objects enlarged by `grown` [m]."""
         return _furnished(kind, grown)
 
     def episodes(self, pepper: PepperModel, speed: float, period: float, seed: int) -> Array:
-        """Return goals [m], poses at the start [m, rad], rooms and paths, shape (m, 8)."""
+        """Return goals [m], poses at the start [m, rad], indices of rooms and paths, shape (m, 8)."""
         return drives_of(pepper, self, speed, period, seed)[0]
 
     def base(self, pepper: PepperModel, count: int) -> BaseController:
-        """Return what ramps the twists of N bases."""
+        """Return the controller that limits the accelerations of N bases."""
         return BaseController(_BASE, count=count)
 
     def measure(self, twins: TwinBatch, base: BaseController) -> BaseMotion:
-        """Return how the bases move."""
+        """Return poses and twists of the bases."""
         return BaseMotion(base.pose, base.twist)
 
     def reset(self, state: TaskState, rows: np.ndarray, twins: TwinBatch, base: BaseController) -> None:
-        """Put robots to rest where their episodes begin; see `RobotTask.reset`."""
+        """Set robots at rest to the start of their episodes; see `RobotTask.reset`."""
         pose, q = state.episode[rows, 3:6], np.tile(self.home(state.pepper), (len(rows), 1))
         q[:, state.joints] = pose
         twins.reset(q, rows=rows)
@@ -97,7 +97,7 @@ class DriveTask(RobotTask):
     def simulate(
         self, state: TaskState, actions: Array, twins: TwinBatch, base: BaseController
     ) -> np.ndarray:
-        """Let the bases go for twists, shape (N, 3), for a step; see `RobotTask.simulate`."""
+        """Simulate a step of the bases with commanded twists, shape (N, 3); see `RobotTask.simulate`."""
         base.command(actions * _limits(state.speed))
         base.step(state.period)
         targets = np.tile(self.home(state.pepper), (len(actions), 1))
@@ -105,15 +105,15 @@ class DriveTask(RobotTask):
         return twins.step(targets, STEPS, commands="linear", threads=state.threads)
 
     def achieved_goal(self, state: TaskState) -> Array:
-        """Return where the bases are [m], shape (N, 1, 3)."""
+        """Return the positions of the bases [m], shape (N, 1, 3)."""
         return (state.position[:, state.joints] * (1.0, 1.0, 0.0))[:, np.newaxis]
 
     def desired_goal(self, state: TaskState) -> Array:
-        """Return where they should be [m], shape (N, 1, 3)."""
+        """Return the desired positions of the bases [m], shape (N, 1, 3)."""
         return state.episode[:, np.newaxis, :3].copy()
 
     def extra_observation(self, state: TaskState) -> Array:
-        """Return what the class says, shape (N, 51)."""
+        """Return laser distances over 3 m, vector to the goal and twist in the base's axes, shape (N, 51)."""
         q, yaw = state.position, state.position[:, state.joints[2]]
         ranges = np.empty((len(q), 45))
         for kind, rows in by_kind(state.episode[:, 6]):
@@ -123,7 +123,7 @@ class DriveTask(RobotTask):
         return np.concatenate([seen, _turned(way, yaw), state.measured.twist], axis=1)
 
     def score(self, state: TaskState, achieved: Array, desired: Array) -> Score:
-        """Return how far the bases have to go, and which robots touch anything; see `RobotTask.score`."""
+        """Return the scores, with robots that touch anything as failed; see `RobotTask.score`."""
         touch = touching(state.pepper, state.position, state.episode[:, 6], self.room)
         return super().score(state, achieved, desired)._replace(failed=touch)
 
@@ -136,7 +136,7 @@ class DriveTask(RobotTask):
         return targets
 
     def expert_action(self, state: TaskState, targets: Array) -> Array:
-        """Return the twists that lead there; see `RobotTask.expert_action`."""
+        """Return the twists that lead to the targets; see `RobotTask.expert_action`."""
         pose = state.measured.pose
         away = targets[:, state.joints] - pose
         twist = np.column_stack([_turned(away, pose[:, 2])[:, :2], away[:, 2]]) / _LEAD
@@ -150,6 +150,7 @@ class DriveTask(RobotTask):
 
 @cache
 def _furnished(kind: int, grown: float) -> Scene:
+    """Return a room with four walls and five boxes, drawn by its index, enlarged by `grown` [m]; cached."""
     drawn, scene, half = np.random.default_rng([11, kind]), Scene(), _SIZE / 2
     for k, (x, y) in enumerate(((half, 0.0), (-half, 0.0), (0.0, half), (0.0, -half))):
         size = np.add((_WALL, _SIZE, _HIGH) if x else (_SIZE, _WALL, _HIGH), grown)
@@ -173,7 +174,7 @@ def drives_of(
     """Return episodes, shape (m, 8), and poses in each step along their paths [m, rad], shape (m, T, 3).
 
     Raises:
-        InvalidValueError: where the episodes are too short for any.
+        InvalidValueError: if the episodes are too short for any path.
     """
     joints, times = task.joints(pepper), period * np.arange(task.horizon + 1)
     shares = (_CRUISE * speed, _CRUISE)
@@ -204,12 +205,13 @@ def drives_of(
 
 
 def _limits(speed: float) -> Array:
+    """Return the limits of the twist at a speed ratio [m/s, m/s, rad/s], shape (3,)."""
     geometry = _BASE.geometry
     return speed * np.array([geometry.linear_velocity, geometry.linear_velocity, geometry.angular_velocity])
 
 
 def _turned(way: Array, yaw: Array) -> Array:
-    """Return ways, shape (N, 3), in the axes of bases that are turned by a yaw [rad], shape (N,)."""
+    """Return vectors, shape (N, 3), in the axes of bases with a yaw [rad], shape (N,)."""
     cos, sin = np.cos(yaw), np.sin(yaw)
     x, y = way[:, 0], way[:, 1]
     return np.column_stack([cos * x + sin * y, cos * y - sin * x, way[:, 2]])

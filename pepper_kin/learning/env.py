@@ -12,7 +12,7 @@ from pepper_kin.learning.vector_env import PepperVectorEnv
 
 
 class PepperEnv(gymnasium.Env[Any, Any]):
-    """A Pepper with a goal; see `PepperVectorEnv`, whose options it takes."""
+    """Environment of one Pepper with a goal; its options are those of `PepperVectorEnv`."""
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 50}  # noqa: RUF012
 
@@ -33,7 +33,7 @@ class PepperEnv(gymnasium.Env[Any, Any]):
         return _first(observation), {}
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Send the joints to new targets for 20 ms.
+        """Move the joints towards new targets for 20 ms.
 
         Raises:
             InvalidValueError: for NaN or another shape.
@@ -48,7 +48,7 @@ class PepperEnv(gymnasium.Env[Any, Any]):
         return None if pictures is None else pictures[0]
 
     def compute_reward(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Array:
-        """Return the rewards of goals achieved beside goals desired; see `PepperVectorEnv`."""
+        """Return the rewards of achieved goals for desired goals; see `PepperVectorEnv`."""
         return self.batch.compute_reward(achieved_goal, desired_goal, info)
 
 

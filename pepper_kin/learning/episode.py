@@ -1,4 +1,4 @@
-"""Episodes of a policy on other robots: a twin with a world and latency, or what is behind ALMotion."""
+"""Episodes of a policy on other robots: a twin with a world and latency, or a robot behind ALMotion."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ from pepper_kin.twin import RunStatus, Twin
 from pepper_kin.twin.batch_world import BatchBodies
 from pepper_kin.twin.world import World
 
-PERIOD = 0.02  # [s] of a step
+PERIOD = 0.02  # period of a step [s]
 _CALLS = ("setAngles", "getAngles", "angleInterpolationWithSpeed", "killTasksUsingResources")
-_HOME_SPEED = 0.3  # share of the fastest, on the way to where episodes begin
+_HOME_SPEED = 0.3  # ratio of the maximum speed on the way to the start of an episode
 
 
 @dataclass(frozen=True, eq=False)
 class Episode(BriefRepr):
-    """What a robot did by a policy.
+    """Motion and result of a robot under a policy.
 
     Attributes:
         success: Whether it ended in success.
-        distances: Greatest distance of a hand from its goal after each step [m], shape (T,).
-        motion: What was measured of all joints: of a twin at all timesteps, else every 20 ms.
-        scene: What there was to be seen around the robot at the begin, such as the goals.
+        distances: Maximum distance of a hand from its goal after each step [m], shape (T,).
+        motion: Measured motion of all joints: at all timesteps for a twin, else every 20 ms.
+        scene: Visible objects around the robot at the start, such as the goals.
     """
 
     success: bool
@@ -44,11 +44,11 @@ class Episode(BriefRepr):
     scene: Scene
 
     def explanation(self, pepper: PepperModel, scene: Scene | None = None) -> str:
-        """Return in words how it ended, and what the certificate of the motion finds wrong with it.
+        """Return a text of the result, and of the faults in the certificate of the motion.
 
         Args:
             pepper: The robot.
-            scene: What stood around it; nothing if omitted.
+            scene: The world around the robot; empty if omitted.
         """
         found = self.motion.check(pepper, scene=scene)
         end = "in success" if self.success else "in failure"
@@ -65,25 +65,27 @@ def run_policy(
     seed: int = 0,
     wait: Callable[[float], object] = time.sleep,
 ) -> Episode:
-    """Let a robot live through an episode by a policy.
+    """Run an episode of a policy on a robot.
 
-    A twin gets its targets as the batch does, see `TwinBatch.step`, and may have a world, latency, pushes
-    and sensors.  Anything with ALMotion's `setAngles`, `getAngles`, `angleInterpolationWithSpeed` and
-    `killTasksUsingResources` is taken for it: the robot must be awake, goes to where episodes begin, and is
-    sent targets every 20 ms, which no certificate covers; velocities are differences of measured angles.  At
-    the end, and after every error and Ctrl-C, it is sent to hold the angles that it measures.
+    A twin gets its targets like the batch, see `TwinBatch.step`, and may have a world, latency, pushes
+    and sensors.  Any object with ALMotion's `setAngles`, `getAngles`, `angleInterpolationWithSpeed` and
+    `killTasksUsingResources` counts as an ALMotion: the robot must be awake, moves to the start of an
+    episode, and gets targets every 20 ms, which no certificate covers; velocities are differences of measured
+    angles.  At the end, and after every error and Ctrl-C, the robot is commanded to hold its measured angles.
 
     Args:
-        policy: Observations, shape (1, obs), to actions, shape (1, k), such as a `Policy`.
-        env: One environment, which gives goal, observations and score, not with `SAME_STEP`; it needs a
+        policy: Function of observations, shape (1, obs), that returns actions, shape (1, k), such as a
+            `Policy`.
+        env: One environment, which supplies goal, observations and score, not with `SAME_STEP`; it needs a
             `reset` afterwards.
         robot: A `Twin` of `env.pepper`, or an ALMotion.
-        seed: Of the goal; as `reset(seed=[seed])` of the batch.
-        wait: Lets time pass for an ALMotion [s]; of a `Broker` not in real time, `broker.body.time.sleep`.
+        seed: Seed of the goal, as in `reset(seed=[seed])` of the batch.
+        wait: Function that waits for a time [s], for an ALMotion; for a `Broker` not in real time,
+            `broker.body.time.sleep`.
 
     Raises:
-        InvalidValueError: for several environments or `SAME_STEP`, a twin of other joints, whose timesteps do
-            not make 20 ms, or a robot of another kind.
+        InvalidValueError: for several environments or `SAME_STEP`, a twin of other joints or whose timesteps
+            do not add up to 20 ms, or a robot of another kind.
     """
     if env.num_envs != 1 or env.autoreset_mode is AutoresetMode.SAME_STEP:
         what = f"{env.num_envs} environments, {env.autoreset_mode.value}"
@@ -111,7 +113,7 @@ def run_policy(
 
 
 def _motion(pepper: PepperModel, period: float, position: Array, velocity: Array) -> Trajectory:
-    """Return the motion through states, shape (T, n), one each period [s]."""
+    """Return the motion through states, shape (T, n), one per period [s]."""
     time = period * np.arange(len(position), dtype=np.float64)
     acceleration = np.asarray(np.gradient(velocity, period, axis=0))
     names, units = pepper.joint_names, pepper.joint_units
@@ -119,7 +121,7 @@ def _motion(pepper: PepperModel, period: float, position: Array, velocity: Array
 
 
 class _TwinBody:
-    """A twin in the place of a batch of one.
+    """A twin with the interface of a batch of one.
 
     Args:
         twin: The twin.
@@ -146,7 +148,7 @@ class _TwinBody:
         return np.array(self._twin.state.velocity)[np.newaxis]
 
     def reset(self, q: Array | None = None, **_: Any) -> None:
-        """Put the twin, at q if given, (n,) or (1, n), and what is in its world, to where they begin."""
+        """Reset the twin, to q if given, (n,) or (1, n), and the bodies of its world."""
         if self._twin.world is not None and hasattr(self._twin.world, "reset"):
             self._twin.world.reset()
         self._twin.reset(None if q is None else np.reshape(q, -1))
@@ -154,12 +156,12 @@ class _TwinBody:
         self._states = [np.stack([self.position, self.velocity])]
 
     def place(self, name: str, position: Array, *, rows: Array) -> None:
-        """Put a body of the twin's world to a position [m], shape (1, 3)."""
+        """Set the position of a body of the twin's world [m], shape (1, 3)."""
         del rows
         self._world().place(name, position[0])
 
     def body(self, name: str) -> BatchBodies:
-        """Return where a body of the twin's world is."""
+        """Return the state of a body of the twin's world."""
         found = self._world().bodies.get(name)
         if found is None:
             raise UnknownNameError("body of the twin's world", name, self._world().bodies)
@@ -175,7 +177,7 @@ class _TwinBody:
     def step(
         self, targets: Array, steps: int, *, speed: float = 1.0, commands: str = "shaped", **options: Any
     ) -> np.ndarray:
-        """Go towards targets [rad or m], shape (1, n), as `TwinBatch.step`; return whether it is sound."""
+        """Move towards targets [rad or m], shape (1, n), see `TwinBatch.step`; return whether it is sound."""
         pepper, load = self._twin.pepper, options.get("load")
         way = np.clip(targets[0], pepper.lower_limits, pepper.upper_limits) - self._command
         limits = speed * pepper.velocity_limits, pepper.acceleration_limits
@@ -197,7 +199,7 @@ class _TwinBody:
         return np.array([run.status is not RunStatus.STOPPED])
 
     def hold(self) -> None:
-        """Do nothing: a twin stands still between calls."""
+        """Do nothing: a twin does not move between calls."""
 
     def motion(self) -> Trajectory:
         """Return the motion since the reset."""
@@ -205,12 +207,12 @@ class _TwinBody:
 
 
 class _MotionBody:
-    """A robot behind ALMotion in the place of a batch of one.
+    """A robot behind ALMotion with the interface of a batch of one.
 
     Args:
         motion: ALMotion.
         env: The environment.
-        wait: Lets time pass [s].
+        wait: Function that waits for a time [s].
     """
 
     def __init__(self, motion: Any, env: PepperVectorEnv, wait: Callable[[float], object]) -> None:
@@ -222,20 +224,20 @@ class _MotionBody:
 
     @property
     def position(self) -> Array:
-        """Joint positions, as measured in the last step [rad], shape (1, n)."""
+        """Joint positions measured in the last step [rad], shape (1, n)."""
         return self._last.copy()
 
     def reset(self, q: Array | None = None, **_: Any) -> None:
-        """Go to where episodes begin, the neutral posture or q [rad], shape (n,) or (1, n)."""
+        """Move to the start of an episode, the neutral posture or q [rad], shape (n,) or (1, n)."""
         home = self._pepper.neutral() if q is None else np.reshape(q, -1)
         self._motion.angleInterpolationWithSpeed(self._names, home.tolist(), _HOME_SPEED)
-        self._wait(1.0)  # until its joints, which lag, rest
+        self._wait(1.0)  # until the joints, which lag, are at rest
         self._last = np.array([self._motion.getAngles(self._names, True)])
         self.velocity = np.zeros_like(self._last)
         self._states = [np.stack([self._last, self.velocity])]
 
     def step(self, targets: Array, steps: int, *, speed: float = 1.0, **options: Any) -> np.ndarray:
-        """Send the acting joints to targets [rad], shape (1, n), and let 20 ms pass."""
+        """Command the acting joints to targets [rad], shape (1, n), and wait for 20 ms."""
         if options.get("load") is not None or options.get("commands", "shaped") != "shaped":
             raise InvalidValueError(
                 "task", "one that pushes or drives", "one of arms and head, for an ALMotion"
@@ -249,7 +251,7 @@ class _MotionBody:
         return np.array([True])
 
     def hold(self) -> None:
-        """End what moves the joints, and send them to where they are measured."""
+        """End all tasks that move the joints, and command the measured angles."""
         self._motion.killTasksUsingResources(self._names)
         angles = self._motion.getAngles(self._names, True)
         self._motion.setAngles(self._names, angles, _HOME_SPEED)

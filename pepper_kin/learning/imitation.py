@@ -1,4 +1,4 @@
-"""A policy from a teacher: it acts, and is corrected (Ross and others, AISTATS 2011)."""
+"""Imitation of a teacher: the policy acts, and the teacher corrects it (Ross and others, AISTATS 2011)."""
 
 from __future__ import annotations
 
@@ -15,20 +15,21 @@ from pepper_kin.learning.policy import Floats, Policy
 from pepper_kin.learning.vector_env import PepperVectorEnv, ended_values
 from pepper_kin.model.joint_vectors import check_seed, check_whole
 
-_KEPT = 12  # rounds that are learned from
+_KEPT = 12  # maximum number of rounds whose data are used
 _BATCHES, _BATCH = 60, 4096
 _RATE = 2e-3
-_LEAST_SCALE = 0.05  # of observations
+_LEAST_SCALE = 0.05  # minimum scale of observations
 
 
 class Round(NamedTuple):
-    """What a round of training came to.
+    """Result of a round of training.
 
     Attributes:
-        done: Rounds that are over.
-        total: Rounds in all.
-        success: Share of its episodes that ended in success; in the first third the teacher acts, too.
-        policy: The policy after it.
+        done: Number of rounds done.
+        total: Number of rounds in all.
+        success: Fraction of the round's episodes that ended in success; in the first third of the rounds the
+            teacher acts, too.
+        policy: The policy after the round.
     """
 
     done: int
@@ -46,21 +47,21 @@ def imitate(
     seed: int = 0,
     on_round: Callable[[Round], object] = lambda found: None,
 ) -> Policy:
-    """Return a policy that does what a teacher would do.
+    """Return a policy that imitates a teacher.
 
-    In each round all robots live through an episode, at first by the teacher's actions, then ever more by
-    the policy's; the policy learns what the teacher would have done there, by Adam (Kingma and Ba, 2015) on
-    squared errors.  In one thread, the same seed gives the same policy.  Let the environment hold
-    `OPENBLAS_NUM_THREADS=1` when NumPy is loaded: of matrices as small as these, threads wait for each other.
+    In each round all robots run an episode, at first with the teacher's actions, then ever more with the
+    policy's; the policy learns the teacher's actions in the visited states, by Adam (Kingma and Ba, 2015) on
+    squared errors.  In one thread, the same seed gives the same policy.  Set `OPENBLAS_NUM_THREADS=1` in the
+    process environment before NumPy is loaded: the matrices are so small that threads wait for each other.
 
     Args:
-        env: The environments, without `goal_form`; some hundred of them.
-        teacher: Returns the right actions for the present states of `env`, shape (N, k); its `Oracle` if
-            omitted.
-        rounds: Episodes of each robot.
+        env: The environments, without `goal_form`; some hundred robots.
+        teacher: Function that returns the right actions for the present states of `env`, shape (N, k); the
+            `Oracle` of `env` if omitted.
+        rounds: Number of rounds, with an episode of each robot.
         hidden: Sizes of the layers between observations and actions.
-        seed: Of goals, first weights and draws.
-        on_round: Called after each round; what it raises ends the training.
+        seed: Seed of goals, initial weights and draws.
+        on_round: Function that is called after each round; its exception ends the training.
 
     Raises:
         InvalidValueError: for environments with `goal_form`, or a number below 1.
@@ -100,12 +101,12 @@ def imitate(
 
 
 class _Student:
-    """Layers of tanh, the last one linear, trained by Adam.
+    """Network of tanh layers, the last one linear, trained by Adam.
 
     Args:
-        sizes: Of observations, layers and actions.
+        sizes: Sizes of observations, layers and actions.
         seen: Observations, for their center and scale, shape (m, obs).
-        rng: Draws the first weights.
+        rng: Generator of the initial weights.
     """
 
     def __init__(self, sizes: Sequence[int], seen: Floats, rng: np.random.Generator) -> None:
@@ -117,12 +118,12 @@ class _Student:
         self._steps = 0
 
     def policy(self, task: str) -> Policy:
-        """Return what it has learned."""
+        """Return the network as a policy."""
         weights, biases = self._values[: self._depth], self._values[self._depth :]
         return Policy(task, self._center, self._scale, tuple(weights), tuple(biases))
 
     def layers(self, observations: Floats) -> list[Floats]:
-        """Return what goes into each layer and comes out of the last, shape (N, .) each."""
+        """Return the inputs of all layers and the output of the last, shape (N, .) each."""
         found = [(observations - self._center) / self._scale]
         for k in range(self._depth):
             x = found[-1] @ self._values[k] + self._values[self._depth + k]
@@ -130,7 +131,7 @@ class _Student:
         return found
 
     def learn(self, observations: Floats, right: Floats, rate: float) -> None:
-        """Take a step toward actions that are right, shape (N, k)."""
+        """Make a gradient step towards the right actions, shape (N, k)."""
         layers, slopes = self.layers(observations), [np.empty(0, np.float32)] * (2 * self._depth)
         error = np.float32(2.0 / len(right)) * (layers[-1] - right)
         for k in reversed(range(self._depth)):

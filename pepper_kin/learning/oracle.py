@@ -1,4 +1,4 @@
-"""A policy that knows the robot and the task: by inverse kinematics, plans and planned pushes."""
+"""Oracle: a policy that knows the robot and the task, by inverse kinematics, plans and planned pushes."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from pepper_kin.learning.vector_env import PepperVectorEnv
 
 
 class Oracle:
-    """Solves the episodes by the methods of this library.
+    """Policy that solves episodes by the methods of this library.
 
-    Its score is what a task allows: where it is low, the task cannot be solved.
+    Its score is the best expected on a task: if it is low, the task cannot be solved.
 
     Args:
         env: The environments.

@@ -1,4 +1,4 @@
-"""Pictures of a robot and what is around it, by rays in machine code: no display, no browser."""
+"""Pictures of a robot and its surroundings by ray casting in machine code: no display, no browser."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from pepper_kin.model import PepperModel
 from pepper_kin.twin.sensors.robot_rays import RobotRays, no_surfaces
 
 SIDE = 320
-"""Rows, and columns, of a picture."""
+"""Number of rows and of columns of a picture."""
 MOST_DRAWN = 16
-"""Robots of a batch that are drawn."""
+"""Maximum number of robots of a batch that are drawn."""
 _BASE = "base_footprint"
 EYE, AIM = (1.30, 0.95, 1.28), (0.09, 0.07, 0.81)
-"""Where the camera is, and what it looks at, in the base's axes [m]: head, arms and their goals."""
-_ANGLE = np.radians(38.0)  # from edge to edge
-_FINE = 2  # rays along either side of a pixel at an edge
-_EDGE = 24  # of 255, between neighbors
+"""Position and aim point of the camera in the base's axes [m]: it sees head, arms and their goals."""
+_ANGLE = np.radians(38.0)  # field of view from edge to edge [rad]
+_FINE = 2  # number of rays along either side of a pixel at an edge
+_EDGE = 24  # difference of neighboring pixels, of 255, that counts as an edge
 
 
 class EpisodeCamera:
-    """A camera before the robot, a little to its left, that goes with the base; for one thread at a time.
+    """Camera in front of the robot, a little to its left, that moves with the base; for one thread at a time.
 
     Args:
         pepper: The robot.
-        eye: Where the camera is, in the base's axes [m], shape (3,).
-        aim: What it looks at, in the base's axes [m], shape (3,).
+        eye: Position of the camera in the base's axes [m], shape (3,).
+        aim: Point at which the camera is aimed, in the base's axes [m], shape (3,).
     """
 
     def __init__(self, pepper: PepperModel, eye: ArrayLike = EYE, aim: ArrayLike = AIM) -> None:
@@ -43,11 +43,11 @@ class EpisodeCamera:
         self._fine = _directions(ahead, _FINE).reshape(SIDE, _FINE, SIDE, _FINE, 3).swapaxes(1, 2)
 
     def pictures(self, q: Array, scenes: Sequence[Scene]) -> tuple[NDArray[np.uint8], ...]:
-        """Return a picture of each robot; one gray picture stands for all beyond the scenes.
+        """Return a picture of each robot; robots without a scene share one gray picture.
 
         Args:
             q: Joint positions [rad or m], shape (N, n).
-            scenes: What stands around the first robots.
+            scenes: Worlds around the first robots.
         """
         drawn = [self.picture(*pair) for pair in zip(q, scenes, strict=False)]
         return (*drawn, *[np.full((SIDE, SIDE, 3), 128, np.uint8)] * (len(q) - len(drawn)))
@@ -57,7 +57,7 @@ class EpisodeCamera:
 
         Args:
             q: Joint positions [rad or m], shape (n,).
-            scene: What stands around the robot.
+            scene: The world around the robot.
         """
         found = self._look(q, scene, self._coarse.reshape(-1, 3)).reshape(SIDE, SIDE, 3)
         levels, edge = found.astype(np.int16), np.zeros((SIDE, SIDE), bool)
@@ -80,7 +80,7 @@ class EpisodeCamera:
 
 
 def _directions(line: Array, fine: int) -> Array:
-    """Return unit directions of rays about a line, `fine` along a pixel's sides, (rows, columns, 3)."""
+    """Return unit directions of rays around a line, `fine` along a pixel's sides, (rows, columns, 3)."""
     ahead = line / np.linalg.norm(line)
     right = np.cross(ahead, (0.0, 0.0, 1.0))
     right /= np.linalg.norm(right)

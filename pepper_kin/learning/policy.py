@@ -1,4 +1,4 @@
-"""Policies of a small network in NumPy: they act, are saved and loaded, and are tried."""
+"""Policies as small networks in NumPy: actions, files, and success rate."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ _OF_ALL = ("format", "task", "center", "scale")
 
 @dataclass(frozen=True, eq=False)
 class Policy(FrozenArrays):
-    """A network of tanh layers, whose last one is linear and clipped: observations to actions.
+    """Network from observations to actions: tanh layers, the last one linear and clipped.
 
     x' = (x - center) / scale,   x' = tanh(x' W + b) except in the last,   action = clip(x' W + b, -1, 1).
 
     Attributes:
-        task: Name of the task that it was trained for.
-        center: Of the observations, shape (obs,).
-        scale: Of the observations, above 0, shape (obs,).
+        task: Name of the task for which it was trained.
+        center: Center of the observations, shape (obs,).
+        scale: Scale of the observations, above 0, shape (obs,).
         weights: W of each layer, shape (inputs, outputs); the first has obs inputs, the last k outputs.
         biases: b of each layer, shape (outputs,).
 
@@ -86,7 +86,7 @@ class Policy(FrozenArrays):
         """Write the policy as a NumPy archive, whole or not at all; return its path.
 
         Raises:
-            FileFormatError: where the file cannot be written.
+            FileFormatError: if the file cannot be written.
         """
         layers = {f"weight_{k}": weight for k, weight in enumerate(self.weights)}
         layers |= {f"bias_{k}": bias for k, bias in enumerate(self.biases)}
@@ -98,9 +98,9 @@ class Policy(FrozenArrays):
         """Return the policy of a PPO of stable-baselines3, without its noise.
 
         Args:
-            model: `PPO("MlpPolicy", ...)` with tanh layers.  What a `VecNormalize` around its environments
-                has learned of observations is kept, but not that it clips them.
-            task: Name of the task that it was trained for.
+            model: `PPO("MlpPolicy", ...)` with tanh layers.  The normalization of observations by a
+                `VecNormalize` around its environments is kept, but not its clipping.
+            task: Name of the task for which it was trained.
 
         Raises:
             InvalidValueError: for another kind of network.
@@ -130,7 +130,7 @@ def load_policy(path: PathName) -> Policy:
     """Return the policy in a file; nothing in it is executed.
 
     Raises:
-        FileFormatError: naming the file, where it cannot be read, is damaged, or holds something else.
+        FileFormatError: naming the file, if it cannot be read, is damaged, or does not hold a policy.
     """
     arrays = read_arrays(path)
     if str(arrays.get("format")) != FORMAT:
@@ -147,12 +147,12 @@ def load_policy(path: PathName) -> Policy:
 
 
 def success_rate(env: PepperVectorEnv, policy: Callable[[Any], ArrayLike], *, seed: int = 1) -> float:
-    """Return the share of robots whose next episode ends in success, from 0 to 1.
+    """Return the fraction of robots whose next episode ends in success, from 0 to 1.
 
     Args:
-        env: The environments, which begin again.
-        policy: Observations to actions, such as a `Policy`.
-        seed: Of the goals.
+        env: The environments, which are reset.
+        policy: Function from observations to actions, such as a `Policy`.
+        seed: Seed of the goals.
     """
     observations, _ = env.reset(seed=seed)
     done, reached = np.zeros(env.num_envs, bool), np.zeros(env.num_envs, bool)

@@ -1,4 +1,4 @@
-"""A box on a table that a hand pushes to a place."""
+"""Task of a hand that pushes a box on a table to a goal."""
 
 from __future__ import annotations
 
@@ -18,23 +18,24 @@ from pepper_kin.twin import Twin, TwinBatch
 from pepper_kin.twin.batch_world import BatchBodies
 from pepper_kin.twin.world import World
 
-_TABLE, _TOP = (0.5, 0.7, 0.04), 0.6  # size and height [m]
-_BOX, _MASS = (0.12, 0.16, 0.16), 0.3  # [m], [kg]
-_BEHIND = 0.125  # [m] from the middle of the box to the hand that pushes it
-_STEEPEST = 0.25  # [rad] of the oracle's pushes against straight ahead
+_TABLE, _TOP = (0.5, 0.7, 0.04), 0.6  # size of the table, and height of its top [m]
+_BOX, _MASS = (0.12, 0.16, 0.16), 0.3  # size [m] and mass [kg] of the box
+_BEHIND = 0.125  # distance from the center of the box to the hand that pushes it [m]
+_STEEPEST = 0.25  # maximum angle of the oracle's pushes to straight ahead [rad]
 
 
 @dataclass(frozen=True)
 class PushTask(ReachTask):
-    """A box that is to be pushed over a table, away from the robot, to within 3 cm of a place.
+    """Push a box over a table, away from the robot, to within 3 cm of a goal.
 
-    It has contacts: of the robot with box and table, and of the box with the table.
+    The simulation has contacts of the robot with box and table, and of the box with the table.
     """
 
     horizon: int = 150
     threshold: float = 0.03
 
     def _side(self) -> float:
+        """Sign of y on the side of the hand."""
         return 1.0 if self.hands[0] == "left" else -1.0
 
     def world(self, pepper: PepperModel) -> World:
@@ -53,21 +54,21 @@ class PushTask(ReachTask):
         return Twin(pepper, world=self.world(pepper))
 
     def home(self, pepper: PepperModel) -> Array:
-        """Return where episodes begin [rad or m], shape (n,): the hand above the near edge of the table."""
+        """Return the start posture [rad or m], shape (n,): the hand above the near edge of the table."""
         return _home(pepper, self.hands[0], self._side())
 
     def measure(self, twins: TwinBatch, base: Any) -> BatchBodies:
-        """Return where the boxes are."""
+        """Return the states of the boxes."""
         return twins.body("box")
 
     def reset(self, state: TaskState, rows: np.ndarray, twins: TwinBatch, base: Any) -> None:
-        """Put robots and boxes to their places; see `RobotTask.reset`."""
+        """Set robots and boxes to the start of their episodes; see `RobotTask.reset`."""
         super().reset(state, rows, twins, base)
         place = np.column_stack([state.episode[rows, 3:5], np.full(len(rows), _TOP + _BOX[2] / 2)])
         twins.place("box", place, rows=rows)
 
     def episodes(self, pepper: PepperModel, speed: float, period: float, seed: int) -> Array:
-        """Return where the boxes should be [m], and where they begin [m], shape (m, 5)."""
+        """Return desired positions (x, y, z) and initial positions (x, y) of the boxes [m], shape (m, 5)."""
         drawn = np.random.default_rng(seed)
         start = np.array([0.36, 0.15 * self._side()]) + drawn.uniform(-0.015, 0.015, (BANK, 2))
         angle, way = drawn.uniform(-0.15, 0.15, BANK), drawn.uniform(0.055, 0.08, BANK)
@@ -75,17 +76,17 @@ class PushTask(ReachTask):
         return np.column_stack([end, np.full(BANK, _TOP + _BOX[2] / 2), start])
 
     def achieved_goal(self, state: TaskState) -> Array:
-        """Return where the boxes are [m], shape (N, 1, 3)."""
+        """Return the positions of the boxes [m], shape (N, 1, 3)."""
         position: Array = state.measured.position
         return position[:, np.newaxis]
 
     def extra_observation(self, state: TaskState) -> Array:
-        """Return from the hands to the boxes [m] and the boxes' x axes, shape (N, 5)."""
+        """Return the vectors from the hands to the boxes [m] and the boxes' x axes, shape (N, 5)."""
         box, hand = state.measured, self.hands_at(state.pepper, state.position)[:, 0]
         return np.concatenate([box.position - hand, box.rotation[:, :2, 0]], axis=1)
 
     def expert_targets(self, state: TaskState, before: Array, just_reset: np.ndarray) -> Array:
-        """Go behind the box, and push it towards its goal through its middle; see `RobotTask`."""
+        """Move the hand behind the box, and push it towards its goal through its center; see `RobotTask`."""
         start = np.where(just_reset[:, np.newaxis], self.home(state.pepper), before)
         box, goal = state.measured.position, self.desired_goal(state)[:, 0]
         hand = self.hands_at(state.pepper, state.position)[:, 0]

@@ -1,4 +1,4 @@
-"""Robots that differ: ranges of what nobody knows exactly, by name."""
+"""Domain randomization: ranges of uncertain quantities of robots, by name."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ OTHERS = ("mass", "latency")
 
 
 class Randomization:
-    """Ranges from which each robot of a batch has its own quantities, drawn evenly.
+    """Ranges from which the quantities of each robot of a batch are drawn uniformly.
 
     Quantities of `ActuatorParameters`, such as "stiffness", are factors, one for each joint; "mass" is a
-    factor for the links that move with each joint; "latency" is the time after which commands arrive [s].
+    factor for the links that move with each joint; "latency" is the delay of commands [s].
 
     Args:
-        ranges: Quantity -> (low, high), or joint -> (low, high) for some joints.  Omitted: what a real Pepper
-            was measured to have, with its intervals: the stiffness of ten joints, and the latency.
+        ranges: Quantity -> (low, high), or quantity -> {joint: (low, high)} for some joints.  If omitted, the
+            measured intervals of a real Pepper: the stiffness of ten joints, and the latency.
 
     Raises:
-        UnknownNameError: for a quantity that is not known.
-        InvalidValueError: for what is no range, or factors that are not above 0.
+        UnknownNameError: for an unknown quantity.
+        InvalidValueError: for an invalid range, or factors that are not above 0.
     """
 
     def __init__(self, ranges: Mapping[str, Range | Mapping[str, Range]] | None = None) -> None:
@@ -44,12 +44,12 @@ class Randomization:
             self._ranges[name] = {joint: _checked(name, each) for joint, each in by_joint.items()}
 
     def drawn(self, pepper: PepperModel, count: int, seed: int) -> dict[str, Any]:
-        """Return the options of `TwinBatch` with which N robots differ.
+        """Return the options of `TwinBatch` by which N robots differ.
 
         Args:
             pepper: The robot.
-            count: N.
-            seed: Draws the quantities.
+            count: Number N of robots.
+            seed: Seed of the quantities.
 
         Raises:
             UnknownNameError: for a joint that the robot lacks.

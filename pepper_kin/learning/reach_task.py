@@ -1,4 +1,4 @@
-"""Hands to points, and the gaze on them; points that move; things that are carried level."""
+"""Tasks of hands that reach points, with gaze, follow moving points, or carry an object level."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ from pepper_kin.twin import Twin, TwinBatch
 
 CAMERA = "CameraTop_optical_frame"
 _DRAWN = 8 * BANK
-_SPARE = 0.05  # of the joints' ranges, that goals stay away from their ends
-_IN_TIME = 0.6  # of an episode, in which a straight way of the joints leads to a goal
-_HELD = 0.9  # of the efforts
-_GAZE = 0.2  # [m/rad] of the reward, of the angle of the gaze
-_TILT = 0.2  # [m/rad], of the tilt of what is carried
+_SPARE = 0.05  # distance of goals from the ends of the joints' ranges, relative to the ranges
+_IN_TIME = 0.6  # fraction of an episode in which a straight joint motion reaches a goal
+_HELD = 0.9  # maximum ratio of the effort limits that a goal posture needs
+_GAZE = 0.2  # cost of the angle of the gaze in the reward [m/rad]
+_TILT = 0.2  # cost of the tilt of the carried object in the reward [m/rad]
 
 
 @dataclass(frozen=True)
 class ReachTask(RobotTask):
-    """Hands to points that can be reached in the time of an episode.
+    """Reach points with hands; the points can be reached in the time of an episode.
 
     Attributes:
-        hands: "left", "right" or both: the hands that have a goal each.
+        hands: "left", "right" or both: hands with a goal each.
         gaze: Whether the camera should look at the first hand's goal.
-        gaze_threshold: Greatest angle of the gaze [rad].
+        gaze_threshold: Maximum angle between the gaze and the goal [rad].
     """
 
     hands: tuple[str, ...] = ("left",)
@@ -47,15 +47,15 @@ class ReachTask(RobotTask):
         return joint_indices(pepper, [f"{hand}_arm" for hand in self.hands] + ["head"] * self.gaze)
 
     def hands_at(self, pepper: PepperModel, q: Array) -> Array:
-        """Return where the hands are [m], shape (N, hands, 3), at joint positions q, shape (N, n)."""
+        """Return the positions of the hands [m], shape (N, hands, 3), at joint positions q, shape (N, n)."""
         return np.stack([hand_pose(pepper, q, hand)[:, :3, 3] for hand in self.hands], 1)
 
     def achieved_goal(self, state: TaskState) -> Array:
-        """Return where the hands are [m], shape (N, hands, 3)."""
+        """Return the positions of the hands [m], shape (N, hands, 3)."""
         return self.hands_at(state.pepper, state.position)
 
     def desired_goal(self, state: TaskState) -> Array:
-        """Return where they should be [m], shape (N, hands, 3)."""
+        """Return the desired positions of the hands [m], shape (N, hands, 3)."""
         return state.episode[:, : 3 * len(self.hands)].reshape(len(state.episode), -1, 3)
 
     def score(self, state: TaskState, achieved: Array, desired: Array) -> Score:
@@ -71,42 +71,42 @@ class ReachTask(RobotTask):
     def episodes(self, pepper: PepperModel, speed: float, period: float, seed: int) -> Array:
         """Return goals [m], shape (m, 3 hands); see `RobotTask.episodes`.
 
-        They are where the hands are in postures that touch nothing, that the joints can hold, and to which
-        commands lead from the neutral posture in six tenths of the time; with gaze the head can look at them.
+        Goals are positions of the hands in collision-free postures that the joints can hold and that commands
+        reach from the neutral posture in six tenths of the time; with gaze the head can look at them.
         """
         q = postures_of(pepper, self, speed, period, seed)
         return self.hands_at(pepper, q).reshape(len(q), -1)
 
     def tasks(self, state: TaskState, rows: np.ndarray) -> list[Task]:
-        """Return the inverse kinematics of some robots' goals, shape (k,)."""
+        """Return the inverse kinematics tasks of the goals of some robots, shape (k,)."""
         goals = self.desired_goal(state)[rows]
         found: list[Task] = [ik.HandPosition(hand, goals[:, k]) for k, hand in enumerate(self.hands)]
         return found + ([ik.LookAt(goals[:, 0])] if self.gaze else [])
 
     def expert_targets(self, state: TaskState, before: Array, just_reset: np.ndarray) -> Array:
-        """Solve each goal once, from where episodes begin; see `RobotTask.expert_targets`."""
+        """Solve each goal once, from the start posture; see `RobotTask.expert_targets`."""
         found, rows = before.copy(), np.flatnonzero(just_reset)
         if rows.size:
             found[rows] = self.solved(state, rows, np.tile(self.home(state.pepper), (len(rows), 1)))
         return found
 
     def solved(self, state: TaskState, rows: np.ndarray, start: Array, restarts: int = 32) -> Array:
-        """Return joint positions that meet some robots' goals, shape (k, n), searched from others."""
+        """Return joint positions that meet the goals of some robots, shape (k, n), searched from `start`."""
         names = [state.pepper.joint_names[j] for j in state.joints]
         tasks = self.tasks(state, rows)
         return ik.solve_batch(state.pepper, tasks, start, joints=names, restarts=restarts).q
 
     def scene(self, state: TaskState, row: int) -> Scene:
-        """Return the goals as small balls."""
+        """Return the goals as small spheres."""
         return with_goals(Scene(), self.desired_goal(state)[row])
 
 
 @dataclass(frozen=True)
 class FollowTask(ReachTask):
-    """A hand that stays with a point on a circle: met where it was within the threshold for a while.
+    """Follow a point on a circle with a hand: success if it was within the threshold for some steps.
 
     Attributes:
-        duration: Steps at the end of which all are within the threshold.
+        duration: Number of last steps that must all be within the threshold.
     """
 
     horizon: int = 100
@@ -116,7 +116,7 @@ class FollowTask(ReachTask):
     def episodes(self, pepper: PepperModel, speed: float, period: float, seed: int) -> Array:
         """Return circles, shape (m, 11): center, two radii as vectors [m], rate [rad/s] and phase [rad].
 
-        A hand can go around them within the joints' limits; see `ReachTask.episodes`.
+        A hand can follow the circles within the joints' limits; see `ReachTask.episodes`.
         """
         first = postures_of(pepper, self, speed, period, seed)
         drawn = np.random.default_rng([seed, 1])
@@ -141,11 +141,11 @@ class FollowTask(ReachTask):
         return found[good]
 
     def desired_goal(self, state: TaskState) -> Array:
-        """Return where the points are now [m], shape (N, 1, 3)."""
+        """Return the present positions of the points [m], shape (N, 1, 3)."""
         return self._ahead(state, 0.0)
 
     def _ahead(self, state: TaskState, time: float) -> Array:
-        """Return where the points will be in a time [s], shape (N, 1, 3)."""
+        """Return the positions of the points after a time [s], shape (N, 1, 3)."""
         return _on_circle(state.episode, state.time + time)[:, np.newaxis]
 
     def extra_observation(self, state: TaskState) -> Array:
@@ -153,27 +153,27 @@ class FollowTask(ReachTask):
         return (self._ahead(state, 1e-3) - self._ahead(state, -1e-3))[:, 0] / 2e-3
 
     def tasks(self, state: TaskState, rows: np.ndarray) -> list[Task]:
-        """Return the inverse kinematics of where the points are when commands have got there."""
+        """Return the inverse kinematics tasks of the points' positions after the lag of commands."""
         return [ik.HandPosition(self.hands[0], self._ahead(state, _LEAD)[rows, 0])]
 
     def expert_targets(self, state: TaskState, before: Array, just_reset: np.ndarray) -> Array:
-        """Solve where the points will be, from the solutions before; see `RobotTask.expert_targets`."""
+        """Solve future positions of the points, from the last solutions; see `RobotTask.expert_targets`."""
         start = super().expert_targets(state, before, just_reset)
         return self.solved(state, np.arange(len(start)), start, restarts=0)
 
 
 _LEAD = 0.12
-"""Of the oracle, for the time that shaped commands take [s]."""
+"""Lead of the oracle, for the lag of shaped commands [s]."""
 
 
 @dataclass(frozen=True)
 class CarryTask(ReachTask):
-    """A hand that carries a mass to a point and keeps it level.
+    """Carry a mass to a point with a hand that stays level.
 
     Attributes:
-        tilt_threshold: Greatest angle of the hand against how it began [rad].
-        spilled: Angle at which the episode is lost [rad].
-        payload: Least and greatest mass in the hand [kg]; each robot has one.
+        tilt_threshold: Maximum tilt of the hand relative to the start [rad].
+        spilled: Tilt above which the episode fails [rad].
+        payload: Minimum and maximum mass in the hand [kg]; each robot has its own mass.
     """
 
     tilt_threshold: float = np.radians(10.0)
@@ -181,7 +181,7 @@ class CarryTask(ReachTask):
     payload: tuple[float, float] = (0.05, 0.3)
 
     def home(self, pepper: PepperModel) -> Array:
-        """Return where episodes begin [rad or m], shape (n,): a bent arm; what is up there is level."""
+        """Return the start posture [rad or m], shape (n,): a bent arm, which defines level."""
         q, side = pepper.neutral(), self.hands[0][0].upper()
         sign = 1.0 if side == "L" else -1.0
         for name, value in zip(_CARRYING, _CARRY_ANGLES, strict=True):
@@ -190,7 +190,7 @@ class CarryTask(ReachTask):
         return q
 
     def axis(self, pepper: PepperModel) -> Array:
-        """Return which axis of the hand's frame points up where episodes begin, shape (3,)."""
+        """Return the direction in the hand's frame that points up at the start, shape (3,)."""
         return hand_pose(pepper, self.home(pepper), self.hands[0])[2, :3]
 
     def twins(self, pepper: PepperModel, count: int, options: dict[str, Any]) -> TwinBatch:
@@ -198,10 +198,11 @@ class CarryTask(ReachTask):
         return TwinBatch(pepper, count, **options, payload={self.hands[0]: self._masses(count)})
 
     def twin(self, pepper: PepperModel) -> Twin:
-        """Return a robot with the mass in the hand that one environment has, which is observed."""
+        """Return a robot with the mass in the hand of a single environment, which is observed."""
         return Twin(pepper, payload={self.hands[0]: float(self._masses(1)[0])})
 
     def _masses(self, count: int) -> Array:
+        """Return masses of N robots, evenly spread over the range [kg], shape (N,)."""
         golden = np.modf(0.5 + np.arange(count) * (np.sqrt(5.0) - 1.0) / 2.0)[0]
         return self.payload[0] + (self.payload[1] - self.payload[0]) * golden
 
@@ -219,21 +220,22 @@ class CarryTask(ReachTask):
         return points[solved.success & held & (time <= _IN_TIME * self.horizon * period)]
 
     def _level(self, pepper: PepperModel, points: Array) -> list[Task]:
+        """Return the inverse kinematics tasks of points with the hand level."""
         hand, level = self.hands[0], {"tolerance": np.radians(4.0)}
         up = ik.AxisAlignment(HAND_FRAMES[hand], (0.0, 0.0, 1.0), self.axis(pepper), **level)
         return [ik.HandPosition(hand, points), up]
 
     def tasks(self, state: TaskState, rows: np.ndarray) -> list[Task]:
-        """Return the inverse kinematics of some robots' goals, with the hand level."""
+        """Return the inverse kinematics tasks of the goals of some robots, with the hand level."""
         return self._level(state.pepper, self.desired_goal(state)[rows, 0])
 
     def _up(self, state: TaskState) -> Array:
-        """Return the world's direction that is up for what is carried, shape (N, 3)."""
+        """Return the direction in the world that is up for the carried object, shape (N, 3)."""
         hand = hand_pose(state.pepper, state.position, self.hands[0])
         return hand[:, :3, :3] @ self.axis(state.pepper)
 
     def extra_observation(self, state: TaskState) -> Array:
-        """Return what of up is not up, shape (N, 2), and the mass [kg], shape (N, 1)."""
+        """Return x and y of the object's up direction, and the mass [kg], shape (N, 3)."""
         up = self._up(state)[:, :2]
         return np.concatenate([up, self._masses(len(up))[:, np.newaxis]], axis=1)
 
@@ -251,10 +253,10 @@ _CARRY_ANGLES = (0.9, 0.15, -1.2, -1.2, -1.2)
 
 @kept_for_robot(most=16)
 def postures_of(pepper: PepperModel, task: ReachTask, speed: float, period: float, seed: int) -> Array:
-    """Return postures in which the hands are at goals [rad or m], shape (m, n); see `ReachTask.episodes`.
+    """Return postures with the hands at goals [rad or m], shape (m, n); see `ReachTask.episodes`.
 
     Raises:
-        InvalidValueError: where the episodes are too short for any.
+        InvalidValueError: if the episodes are too short for any posture.
     """
     joints, home = task.joints(pepper), pepper.neutral()
     low, high = pepper.lower_limits[joints], pepper.upper_limits[joints]
@@ -276,6 +278,7 @@ def postures_of(pepper: PepperModel, task: ReachTask, speed: float, period: floa
 
 
 def _efforts(pepper: PepperModel) -> Array:
+    """Return the effort limits [N m or N], inf for none, shape (n,)."""
     return np.where(pepper.effort_limits > 0, pepper.effort_limits, np.inf)
 
 

@@ -1,4 +1,4 @@
-"""The environments as RSL-RL takes them."""
+"""Environments for RSL-RL."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from pepper_kin.learning.vector_env import PepperVectorEnv
 def to_rsl_rl(env: PepperVectorEnv, device: str = "cpu") -> Any:
     """Return environments as a `VecEnv` of RSL-RL (rsl-rl-lib 5), for its `OnPolicyRunner`.
 
-    Observations are a TensorDict with `policy`, shape (N, obs), as are those of the present states.  `extras`
-    have `time_outs`, for all episodes end by time, and where episodes end `log` with their `/success`.
-    What is written to `episode_length_buf` is how old the episodes are from then on.
+    Observations are a TensorDict with `policy`, shape (N, obs).  `extras` have `time_outs`, since all
+    episodes end by time, and in steps where episodes end `log` with their `/success`.  Writing to
+    `episode_length_buf` sets the ages of the episodes in steps.
 
     Args:
         env: The environments, with `autoreset_mode=AutoresetMode.SAME_STEP` and without `goal_form`.
-        device: Where the tensors are.
+        device: Device of the tensors.
 
     Raises:
         InvalidValueError: for another mode or form.
@@ -43,13 +43,13 @@ def to_rsl_rl(env: PepperVectorEnv, device: str = "cpu") -> Any:
 
 
 class _RslRlBatch:
-    """What RSL-RL's `VecEnv` leaves open, by environments in one batch.
+    """Implementation of RSL-RL's abstract `VecEnv` by environments in one batch.
 
     Args:
         env: The environments.
-        tensor: Makes tensors of arrays.
-        tensors: Makes a TensorDict.
-        device: Where they are.
+        tensor: Function that makes a tensor of an array.
+        tensors: Function that makes a TensorDict.
+        device: Device of the tensors.
     """
 
     def __init__(

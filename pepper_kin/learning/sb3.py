@@ -1,4 +1,4 @@
-"""The environments as stable-baselines3 takes them."""
+"""Environments for stable-baselines3."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pepper_kin.learning.policy import Policy
 from pepper_kin.learning.vector_env import PepperVectorEnv
 from pepper_kin.model.joint_vectors import check_seed, check_whole
 
-_ROUND = 600  # steps of each robot in a round
+_ROUND = 600  # number of steps of each robot in a round
 _SETTINGS: dict[str, Any] = {
     "n_steps": 50, "n_epochs": 6, "learning_rate": 1e-3, "gamma": 0.95, "gae_lambda": 0.9,
     "policy_kwargs": {"net_arch": [128, 128], "log_std_init": -0.7},
@@ -28,15 +28,17 @@ def train_by_ppo(
     seed: int = 0,
     on_round: Callable[[Round], object] = lambda found: None,
 ) -> Policy:
-    """Return a policy that PPO of stable-baselines3 has found, with settings that were tried on Reach.
+    """Return a policy trained by PPO of stable-baselines3, with settings that were tried on Reach.
 
     Observations are centered and scaled.
 
     Args:
-        env: As for `to_sb3`, without `goal_form`; 256 of them were tried.
-        rounds: Of 12 episodes of each robot; 8 rounds of 256 robots take about a minute.
-        seed: Of goals, first weights and noise.
-        on_round: Called after each round, as by `imitate`; with the noise of training.
+        env: The environments, with `autoreset_mode=AutoresetMode.SAME_STEP` and without `goal_form`; 256 of
+            them were tried.
+        rounds: Number of rounds of 12 episodes of each robot; 8 rounds of 256 robots take about a minute.
+        seed: Seed of goals, initial weights and noise.
+        on_round: Function that is called after each round, as by `imitate`; its `success` includes the noise
+            of training.
 
     Raises:
         InvalidValueError: for another mode or form, or a number below 1.
@@ -64,8 +66,8 @@ def train_by_ppo(
 def to_sb3(env: PepperVectorEnv) -> Any:
     """Return environments as a `VecEnv` of stable-baselines3, for its `PPO("MlpPolicy", ...)` and others.
 
-    Its infos are filled where an episode ends, with `terminal_observation`, `TimeLimit.truncated`, `episode`
-    (sum of rewards and length) and `is_success`; elsewhere they are one empty dictionary.
+    The infos of an ended episode have `terminal_observation`, `TimeLimit.truncated`, `episode` (sum of
+    rewards and length) and `is_success`; all other infos are one empty dictionary.
 
     Args:
         env: The environments, with `autoreset_mode=AutoresetMode.SAME_STEP`.
@@ -86,7 +88,7 @@ def to_sb3(env: PepperVectorEnv) -> Any:
 
 
 class _Sb3Batch:
-    """What stable-baselines3's `VecEnv` leaves open, by environments in one batch.
+    """Implementation of stable-baselines3's abstract `VecEnv` by environments in one batch.
 
     Args:
         env: The environments.
@@ -97,7 +99,7 @@ class _Sb3Batch:
     _get_indices: Callable[[Any], Sequence[int]]
 
     def __init__(self, env: PepperVectorEnv) -> None:
-        self._env = env  # which `VecEnv` asks for its `render_mode`
+        self._env = env  # set first, since `VecEnv` reads its `render_mode`
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)  # type: ignore[call-arg]
         self._actions, self._returns = np.zeros(0), np.zeros(env.num_envs)
         self._lengths = np.zeros(env.num_envs, np.int64)
@@ -139,7 +141,7 @@ class _Sb3Batch:
         self._env.close()
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """Return an attribute of the batch for each environment asked for."""
+        """Return an attribute of the batch once per requested environment."""
         return [getattr(self._env, attr_name)] * len(list(self._get_indices(indices)))
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
@@ -147,10 +149,10 @@ class _Sb3Batch:
         setattr(self._env, attr_name, value)
 
     def env_method(self, method_name: str, *arguments: Any, indices: Any = None, **options: Any) -> list[Any]:
-        """Call a method of the batch once, and return its result for each environment asked for."""
+        """Call a method of the batch once, and return its result once per requested environment."""
         result = getattr(self._env, method_name)(*arguments, **options)
         return [result] * len(list(self._get_indices(indices)))
 
     def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
-        """Return that no environment is wrapped."""
+        """Return False for each environment: none is wrapped."""
         return [False] * len(list(self._get_indices(indices)))

@@ -1,4 +1,4 @@
-"""The tasks by their names."""
+"""Tasks of the environments by name."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ TASKS: dict[str, RobotTask] = {
         DriveTask("Drive"),
     )
 }
-"""The tasks of the environments, by name."""
+"""Tasks by name."""
 
 
 def task_named(task: str | RobotTask) -> RobotTask:
-    """Return a task, by its name or as it is.
+    """Return a task, given by its name or as an object.
 
     Raises:
-        UnknownNameError: listing the tasks.
-        InvalidValueError: for something else.
+        UnknownNameError: for an unknown name, listing the tasks.
+        InvalidValueError: for anything but a name or a task.
     """
     if isinstance(task, RobotTask):
         return task

@@ -1,4 +1,4 @@
-"""A policy for a task from nothing, the best that was found, and how it does beside others."""
+"""Training of policies for a task: the best policy of all rounds, and a trial against oracle and chance."""
 
 from __future__ import annotations
 
@@ -18,29 +18,30 @@ from pepper_kin.learning.tasks import task_named
 from pepper_kin.learning.vector_env import PepperVectorEnv
 
 TRAINED, CHOSEN = 0, 1
-"""Seeds of the goals that policies are trained on, and chosen by."""
+"""Seeds of the goals for training, and for the choice of the best policy."""
 TRIED = 2
-"""The seed of the goals that policies are tried on."""
-_TRIALS = 1024  # goals that are tried
+"""Seed of the goals for a trial."""
+_TRIALS = 1024  # number of goals of a trial
 _METHODS: dict[str, tuple[Callable[..., Policy], int, int]] = {
     "imitation": (imitate, 512, 12),
     "ppo": (train_by_ppo, 256, 8),
 }
-"""What trains, by how many robots, and in how many rounds."""
+"""Method -> function that trains, number of robots, and number of rounds."""
 _SHORT, _FEWEST = 50, 64
-"""Steps of episodes for which these are the numbers of robots; longer ones have fewer, not less than this."""
+"""Length of episodes in steps for which `_METHODS` has the number of robots; longer ones have fewer robots,
+at least the second number."""
 
 
 @dataclass(frozen=True)
 class Trial:
-    """Shares of new goals that are reached, from 0 to 1.
+    """Fractions of new goals that are reached, from 0 to 1.
 
     Attributes:
         task: Name of the task.
-        goals: How many.
-        policy: By the policy.
-        oracle: By inverse kinematics.
-        chance: By random actions.
+        goals: Number of goals.
+        policy: Fraction reached by the policy.
+        oracle: Fraction reached by the oracle.
+        chance: Fraction reached by random actions.
     """
 
     task: str
@@ -50,7 +51,7 @@ class Trial:
     chance: float
 
     def report(self) -> str:
-        """Return the shares in words."""
+        """Return the fractions as a sentence."""
         return (
             f"{self.task}: of {self.goals} new goals {self.policy:.3f} are reached by the policy, "
             f"{self.oracle:.3f} by its oracle, {self.chance:.3f} by chance."
@@ -76,9 +77,9 @@ def best_policy(
     Args:
         task: A name of `TASKS`, or a task.
         method: "imitation" of the oracle, or "ppo", which needs stable-baselines3.
-        rounds: How many; 12 of imitation or 8 of PPO if omitted.
-        seed: Of goals, first weights and draws.
-        on_round: Called after each round; `success` is then that of the goals that were not trained on.
+        rounds: Number of rounds; 12 of imitation or 8 of PPO if omitted.
+        seed: Seed of goals, initial weights and draws.
+        on_round: Function that is called after each round; `success` refers to goals not trained on.
 
     Returns:
         The policy, and whether all rounds were done.
@@ -114,11 +115,11 @@ def best_policy(
 
 
 def try_policy(policy: Policy, task: str | RobotTask | None = None) -> Trial:
-    """Return how a policy does on goals that it was neither trained on nor chosen by.
+    """Return the trial of a policy on goals that were used neither for its training nor for its choice.
 
     Args:
         policy: The policy.
-        task: The task, where it is not `TASKS[policy.task]`.
+        task: The task, if it is not `TASKS[policy.task]`.
 
     Raises:
         UnknownNameError: for an unknown task.

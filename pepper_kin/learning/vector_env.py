@@ -1,4 +1,4 @@
-"""Many environments of one task, in one batch of twins."""
+"""Vector environment: many environments of one task in one batch of twins."""
 
 from __future__ import annotations
 
@@ -23,37 +23,38 @@ from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.joint_vectors import check_choice, check_seed, check_whole
 from pepper_kin.planners.compiled import stream_key
 
-_LOST = 1.0  # [m] counted for each step that a lost episode would have had
+_LOST = 1.0  # cost of each remaining step of a failed episode [m]
 
 
 class PepperVectorEnv(gymnasium.vector.VectorEnv):
-    """N Peppers, each with a goal; an action is where the joints should go from where they are measured.
+    """N Peppers, each with a goal; an action is a displacement of the joints from their measured positions.
 
-    The targets are shaped as the robot shapes those of `setAngles`, see `TwinBatch.step`, at 50 Hz.  Nothing
-    is hidden: the next state follows from what is observed, except for the commands' lag of some hundredths
-    of a radian.  What a task does otherwise is said by it.
+    The robot shapes the targets like those of `setAngles`, see `TwinBatch.step`, at 50 Hz.  The state is
+    fully observed: the next state follows from the observation, except for the commands' lag of some
+    hundredths of a radian.  A task documents its deviations.
 
     Observation, shape (2 k + 6 g + e,), float32: positions of the k acting joints, -1 to 1 for their limits;
-    velocities over their limits; the g places that are led in the world [m]; from there to the goals [m];
-    and what the task adds.  With `goal_form` a dictionary of `observation` (all but the way to the goals),
-    `achieved_goal` and `desired_goal`.
+    velocities over their limits; the g achieved goals in the world [m]; vectors from there to the desired
+    goals [m]; and observations of the task.  With `goal_form` a dictionary of `observation` (without the
+    vectors to the goals), `achieved_goal` and `desired_goal`.
 
-    Reward: minus the greatest distance from a goal [m], and the task's further cost; or with `sparse` 0 where
-    the goals are met, else -1.  Episodes are truncated after the task's horizon; one that is lost terminates,
-    and 1 is taken off for each step that it would have had.  `is_success` and `distance` are in the infos.
+    Reward: minus the maximum distance from a goal [m], and the task's further cost; or with `sparse` 0 if the
+    goals are met, else -1.  Episodes are truncated after the task's horizon; a failed episode terminates, and
+    1 is subtracted for each remaining step.  `is_success` and `distance` are in the infos.
 
     Args:
-        num_envs: N.
+        num_envs: Number N of environments.
         task: A name of `TASKS`, or a task.
         pepper: The robot; the default Pepper if omitted.
-        speed: Share of the velocity limits that commands use, in (0, 1].
-        sparse: See above.
-        goal_form: See above.
-        autoreset_mode: What happens at the end of an episode, as Gymnasium defines it.
-        randomization: How the robots differ, a `Randomization` or its ranges; alike if omitted.  Drawn once,
-            with `randomization_seed`.
-        goal_seed: Draws the two thousand goals at most that episodes choose from.
-        threads: Threads that share the robots; the result does not depend on it.
+        speed: Ratio of the velocity limits that commands use, in (0, 1].
+        sparse: Whether the reward is 0 or -1, see above.
+        goal_form: Whether an observation is a dictionary with goals, see above.
+        autoreset_mode: Behavior at the end of an episode, as Gymnasium defines it.
+        randomization: Differences of the robots, a `Randomization` or its ranges; none if omitted.  Drawn
+            once, with `randomization_seed`.
+        randomization_seed: Seed of the randomization.
+        goal_seed: Seed of the goals, two thousand at most, from which episodes choose.
+        threads: Number of threads that share the robots; the result does not depend on it.
         render_mode: "rgb_array" for pictures by `render`.
 
     Raises:
@@ -126,9 +127,9 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
         """Begin new episodes; see `gymnasium.vector.VectorEnv.reset`.
 
         Args:
-            seed: Of all robots, or one for each; the same seeds give the same goals, whatever the number of
+            seed: Seed of all robots, or one per robot; the same seeds give the same goals for any number of
                 robots and threads.
-            options: `reset_mask`, shape (N,): which robots begin again; all without.
+            options: Dictionary with `reset_mask`, shape (N,): which robots are reset; all if omitted.
 
         Raises:
             InvalidValueError: for a mask or seeds of another shape, or a seed below 0.
@@ -156,7 +157,7 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
         return self._observations(self.state), {}
 
     def step(self, actions: Any) -> tuple[Any, Array, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Send the joints to new targets for 20 ms; see `gymnasium.vector.VectorEnv.step`.
+        """Move the joints towards new targets for 20 ms; see `gymnasium.vector.VectorEnv.step`.
 
         Raises:
             InvalidValueError: for NaN, another shape, or before `reset`.
@@ -184,7 +185,7 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
 
     @property
     def state(self) -> TaskState:
-        """The present states as their task sees them."""
+        """Present states of the robots, for their task."""
         return self._state_of(
             self.twins.position, self.twins.velocity, self.episode.copy(), self._begun.copy(),
             self.elapsed.copy(), self.task.measure(self.twins, self._base),
@@ -193,7 +194,7 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
     def render(self) -> tuple[Any, ...] | None:
         """Return a picture of each robot with its goals, shape (320, 320, 3), or None without `render_mode`.
 
-        The first 16 are drawn; one gray picture stands for each of the others.
+        The first 16 robots are drawn; the others share one gray picture.
         """
         if self._camera is None:
             return None
@@ -202,9 +203,9 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
         return self._camera.pictures(state.position, scenes)
 
     def compute_reward(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Array:
-        """Return the rewards of goals achieved beside goals desired [m], shapes (N, 3 hands) or (3 hands,).
+        """Return the rewards of achieved goals for desired goals [m], shapes (N, 3 hands) or (3 hands,).
 
-        What else a task counts, such as the gaze or a tilt, is not among the goals, and counts as met.
+        Other criteria of a task, such as the gaze or a tilt, are not among the goals, and count as met.
         """
         del info
         gaps = np.asarray(desired_goal, float) - np.asarray(achieved_goal, float)
@@ -224,7 +225,7 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
         return np.clip(moves, -1.0, 1.0)
 
     def _score(self, state: TaskState) -> Score:
-        """Return how the states at the end of a step meet their goals, and have for so long."""
+        """Return the scores at the end of a step; success needs goals met for the task's duration."""
         found = self.task.score(state, self.task.achieved_goal(state), self.task.desired_goal(state))
         distance, cost = (np.ascontiguousarray(part, float) for part in found[:2])
         met, failed = (np.ascontiguousarray(part, bool) for part in found[2:])
@@ -232,7 +233,7 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
         return Score(distance, cost, self._met >= self.task.duration, failed)
 
     def _end_step(self, score: Score, sound: np.ndarray, anew: np.ndarray) -> StepOutcome:
-        """Return the rewards, and which episodes end; a step that begins one, shape (N,), has neither."""
+        """Return the rewards, and which episodes end; a step that begins one (`anew`) has neither."""
         ends = StepOutcome(
             np.empty(self.num_envs), np.empty(self.num_envs, bool), np.empty(self.num_envs, bool)
         )
@@ -251,7 +252,7 @@ class PepperVectorEnv(gymnasium.vector.VectorEnv):
         self.task.reset(self.state, rows, self.twins, self._base)
 
     def _observations(self, state: TaskState) -> Any:
-        """Return new arrays of what is observed."""
+        """Return the observations as new arrays."""
         achieved, desired = self.task.achieved_goal(state), self.task.desired_goal(state)
         parts = achieved, desired, self.task.extra_observation(state)
         seen = Seen(state.position, state.velocity, *(np.ascontiguousarray(part, float) for part in parts))
@@ -284,7 +285,7 @@ def ended_values(infos: Mapping[str, Any], name: str, ended: np.ndarray) -> np.n
     """Return a value of a step's infos for the robots whose episode has ended with it, else zero.
 
     Args:
-        infos: Infos of `PepperVectorEnv.step`, in any mode of beginning again.
+        infos: Infos of `PepperVectorEnv.step`, in any autoreset mode.
         name: Name of the value, such as "is_success".
         ended: Which robots' episodes have ended, shape (N,).
     """
@@ -293,11 +294,11 @@ def ended_values(infos: Mapping[str, Any], name: str, ended: np.ndarray) -> np.n
 
 
 def _infos(made: dict[str, np.ndarray], rows: np.ndarray) -> dict[str, Any]:
-    """Return what some robots' steps have made, as Gymnasium's vector environments lay it out.
+    """Return values of some robots' steps as infos of a Gymnasium vector environment.
 
     Args:
         made: Name -> values of all robots, shape (N,).
-        rows: Which robots' count, shape (N,); it is the mask `_name`, and the others' values are zero.
+        rows: Mask of the robots whose values count, shape (N,), returned as `_name`; others' values are zero.
     """
     found: dict[str, Any] = {}
     if rows.any():

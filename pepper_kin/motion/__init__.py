@@ -2,25 +2,25 @@
 
     plan, Plan, PlanStatus                    start + goal + scene -> path
     plan_batch, PlanProblem, PlanBatch        many problems on all cores
-    plan_constrained, manifold_of             with IK tasks met along the whole path
-    plan_costed, PathCost, CostAlong          with soft costs
-    plan_legs, Leg, PlanInLegs                constraints on a part of the way
-    replan                                    a new goal in motion, by a planned way if need be
-    validate, Validation, ValidationStatus    a path from elsewhere, examined
+    plan_constrained, manifold_of             a path along which IK tasks stay met
+    plan_costed, PathCost, CostAlong          a path with small soft costs
+    plan_legs, Leg, PlanInLegs                several goals, with constraints for each leg
+    replan                                    a new goal in motion, along a planned path if necessary
+    validate, Validation, ValidationStatus    examination of a given path
     simplify_path, interpolate_path
-    follow, Followed, FollowStatus            tasks along a whole path, at a set speed
+    follow, Followed, FollowStatus            tasks along a whole path, at a given speed
     sequence, PTP, LIN, CIRC, SPLINE          commands of industrial robots
     HandCurve, Line, Arc, Route               curves of a hand
-    cartesian_path, CartesianPath, CartesianStatus   a hand along curves, as far as it gets
+    cartesian_path, CartesianPath, CartesianStatus   a hand along curves, as far as possible
     optimize, Cost, Figures, Optimized, OptimizedStatus       path and timing together
-    minimum_torque_trajectory, MinimumTorqueTrajectory, MinimumTorqueStatus   least torque from rest to rest
-    LiveMotion, LiveState, LiveStatus         to goals that change, among obstacles that move
-    executed                                  what a live motion sent, as one trajectory
+    minimum_torque_trajectory, MinimumTorqueTrajectory, MinimumTorqueStatus   minimum torque, rest to rest
+    LiveMotion, LiveState, LiveStatus         motion to changing goals among moving obstacles
+    executed                                  the commanded motion of a live motion, as one trajectory
     gesture, gesture_names, gesture_meaning
-    retarget, Retargeted, RetargetStatus      a person's motion
-    KeyPoints, read_key_points                such a motion, as points over time
+    retarget, Retargeted, RetargetStatus      a person's motion, made by the robot
+    KeyPoints, read_key_points                a person's motion, as points over time
 
-Where nothing is found, `status` and `message` say why, and `report()` says what to try.
+If no solution is found, `status` and `message` say why, and `report()` says what to try.
 """
 
 from pepper_kin.call_errors import name_options

@@ -1,4 +1,4 @@
-"""Many planning problems on all cores: the plans are those of one call after the other."""
+"""Many planning problems on all cores, with the same plans as sequential calls of `plan`."""
 
 from __future__ import annotations
 
@@ -26,21 +26,21 @@ if TYPE_CHECKING:
     from pepper_kin.motion.planning_process import Helper
 
 MOST_TOGETHER = 16
-"""Problems of one robot and scene that one process takes at once."""
-_SHARES = 8  # pieces for each process, so that a slow one leaves the rest to others
-_PAUSE = 0.02  # between looks at whether a helper has started [s]
+"""Maximum number of problems of one robot and scene that a process takes at once."""
+_SHARES = 8  # number of chunks per process, so that a slow one leaves chunks to others
+_PAUSE = 0.02  # time between polls whether a helper has started [s]
 
 Outcome = tuple["Plan | None", "Exception | None"]
 
 
 @dataclass(frozen=True, eq=False)
 class PlanProblem(PlanOptions, FrozenArrays):
-    """What `plan` takes, as a value; see there.
+    """A planning problem as a value: the arguments of `plan`.
 
     Attributes:
         pepper: The robot.
         start: Start configuration [rad or m], shape (n,).
-        goal: Goal configuration, several, or IK tasks.
+        goal: Goal configuration [rad or m], shape (n,), several, shape (m, n), or IK tasks.
         scene: The world around the robot; problems in one world should share one object.
     """
 
@@ -50,20 +50,20 @@ class PlanProblem(PlanOptions, FrozenArrays):
     scene: Scene | None = None
 
     def __post_init__(self) -> None:
-        """Copy arrays; `plan` examines them."""
+        """Copy arrays; `plan` checks them."""
         for name in ("start", "goal", "start_velocity"):
             value = getattr(self, name)
             if isinstance(value, np.ndarray):
-                copy = value.copy()  # whatever it holds
+                copy = value.copy()  # of any type and shape
                 copy.setflags(write=False)
                 object.__setattr__(self, name, copy)
 
     def solve(self) -> Plan:
-        """Return what `plan` returns, and raise what it raises."""
+        """Return the plan of the problem; raise the errors that `plan` raises."""
         return plan(self.pepper, self.start, self.goal, self.scene, **self.keywords())
 
     def outcome(self) -> Outcome:
-        """Return what `plan` returns and None, or None and what it raises."""
+        """Return the plan and None, or None and the error that `plan` raised."""
         try:
             return self.solve(), None
         except Exception as error:
@@ -72,12 +72,12 @@ class PlanProblem(PlanOptions, FrozenArrays):
 
 @dataclass(frozen=True, eq=False)
 class PlanBatch(BriefRepr):
-    """The outcome of many problems, in their order.
+    """The plans of many problems, in the problems' order.
 
     Attributes:
-        plans: What `plan` returned; None where it raised.
-        errors: What it raised; None where it returned.
-        time: Wall time of all [s].
+        plans: Plan of each problem; None if `plan` raised an error.
+        errors: Error of each problem; None if `plan` returned.
+        time: Wall time of all problems [s].
     """
 
     plans: tuple[Plan | None, ...]
@@ -90,7 +90,7 @@ class PlanBatch(BriefRepr):
         return np.array([plan is not None and plan.success for plan in self.plans], dtype=bool)
 
     def report(self) -> str:
-        """Say in plain words how many have a path, and why the others have none."""
+        """Return in plain words how many problems have a path, and why the others have none."""
         lines = [
             f"{int(self.success.sum())} of {len(self.plans)} problems have a path, in {self.time:.2f} s."
         ]
@@ -110,21 +110,21 @@ def plan_batch(
 ) -> PlanBatch:
     """Plan many problems on all cores.
 
-    Each plan is what `plan` returns for that problem alone, to the bit except its `time`, unless time runs
-    out.  This process works on them as well; helpers, which are separate processes, join in as soon as
-    they have started, in about a second, and stay for the next call.  What cannot be sent to them (a task
-    class of the main script, say) is solved here.
+    Each plan is bit by bit the one that `plan` returns for that problem alone, except its `time`, unless a
+    timeout is reached.  This process solves problems as well; helpers, which are separate processes, join as
+    soon as they have started, after about a second, and are kept for the next call.  Problems that cannot be
+    sent to helpers (with a task class of the main script, for example) are solved in this process.
 
     Args:
         problems: Robots, starts, goals and scenes.
-        processes: Number of processes, this one included; None for one on each core.
-        progress: Called in this thread with the number of problems done and that of all, now and then.
+        processes: Number of processes, including this one; None for one on each core.
+        progress: Function called now and then in this thread with the numbers of solved and of all problems.
 
     Returns:
-        Plans and errors in the problems' order: an error in one does not stop the others.
+        Plans and errors in the problems' order: an error in one problem does not stop the others.
 
     Raises:
-        InvalidValueError: for something else than a problem, or a number of processes below 1.
+        InvalidValueError: for an item that is not a problem, or a number of processes below 1.
     """
     begin = time.perf_counter()
     requested = tuple(problems)
@@ -141,7 +141,7 @@ def plan_batch(
 
 
 def _chunks(problems: Sequence[PlanProblem], processes: int) -> list[list[int]]:
-    """Return the problems' numbers in pieces of one robot and one scene each."""
+    """Return the problems' indices in chunks of one robot and one scene each."""
     groups: dict[tuple[int, int], list[int]] = {}
     for number, problem in enumerate(problems):
         groups.setdefault((id(problem.pepper), id(problem.scene)), []).append(number)
@@ -150,7 +150,7 @@ def _chunks(problems: Sequence[PlanProblem], processes: int) -> list[list[int]]:
 
 
 class _BatchRun:
-    """One call: this thread takes pieces from the front, one thread for each helper from the back."""
+    """One batch: this thread takes chunks from the front, a thread for each helper from the back."""
 
     def __init__(
         self,
@@ -182,7 +182,7 @@ class _BatchRun:
         self._tell()
 
     def _next(self) -> list[int] | None:
-        """Return a piece for this process, after waiting for helpers if need be; None when all is done."""
+        """Return a chunk for this process, after waiting for helpers if necessary; None when all is done."""
         while True:
             with self.change:
                 for queue in (self.left, self.waiting):
@@ -194,7 +194,7 @@ class _BatchRun:
             self._tell()
 
     def _hand_out(self, helper: Helper) -> None:
-        """Let a helper solve pieces until none is left; what it cannot answer is left to this process."""
+        """Let a helper solve chunks until none is left; leave unanswered chunks to this process."""
         while True:
             while not helper.ready.wait(_PAUSE):
                 if not self.waiting or helper.ended:

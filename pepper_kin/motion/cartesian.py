@@ -1,4 +1,4 @@
-"""A hand along straight lines and arcs, the rest of the body free."""
+"""Motion of a hand along straight lines and arcs, with the rest of the body free."""
 
 from __future__ import annotations
 
@@ -30,23 +30,23 @@ from pepper_kin.motion.static_limits import static_limits
 from pepper_kin.status import ResultStatus
 
 JUMP = 0.35
-"""Largest change of a joint from one stop to the next [rad or m]: more is another posture, not a motion."""
+"""Largest change of a joint from one stop to the next [rad or m]: a larger one is a jump of posture."""
 
 DIRECTION_WEIGHT = 0.3
-"""Of the direction, beside the posture's STAY_WEIGHT; the position is a hard task."""
+"""Weight of the direction task, relative to STAY_WEIGHT of the posture; the position is a hard task."""
 
 TURN = 0.1
-"""Largest turn toward the target direction from one stop to the next [rad]."""
+"""Largest rotation toward the target direction from one stop to the next [rad]."""
 
 FINER = 32
-"""How much nearer than the step size stops may lie where a joint moves fast."""
+"""Maximum refinement: step size over the smallest distance between stops, where a joint moves fast."""
 
 STAY_WEIGHT = 0.02
-"""Of the posture before: of all ways to move the hand on, the one that moves the joints least."""
+"""Weight of the previous posture: among all postures for the hand, the nearest one is chosen."""
 
 
 class CartesianStatus(ResultStatus):
-    """How following ended."""
+    """Status of following a curve."""
 
     DONE = "done", "Time the path with retime()."
     START_INVALID = "start_invalid", "Start from a posture that is free and that the joints can hold."
@@ -59,18 +59,18 @@ class CartesianStatus(ResultStatus):
 
 @dataclass(frozen=True, eq=False)
 class CartesianPath(BriefRepr):
-    """How far a hand could follow, and the joint positions on the way.
+    """Joint positions along curves of a hand, as far as the hand could follow.
 
     Attributes:
-        status: How it ended.
+        status: Status of the result.
         message: What happened, in a sentence with names and numbers.
-        fraction: Part of the length that was done, 0 to 1.
+        fraction: Completed fraction of the length, 0 to 1.
         path: Joint positions at the stops [rad or m], shape (k, n), read-only; the first is the start.
-        distances: Length along the way at each stop [m], shape (k,).
+        distances: Length along the curves at each stop [m], shape (k,).
         position_error: Largest distance of the hand from the curve at the stops [m], recomputed.
         direction_error: Largest angle between the hand and the target direction at the stops [rad],
             recomputed; nan without a direction.
-        clearance: Least distances at the stops to obstacles and to itself [m], by coal.
+        clearance: Minimum distances at the stops to obstacles and of the robot to itself [m], by coal.
         time: Wall time [s].
     """
 
@@ -86,12 +86,12 @@ class CartesianPath(BriefRepr):
 
     @property
     def success(self) -> bool:
-        """Whether the whole way was done."""
+        """Whether the hand followed the curves completely."""
         return self.status is CartesianStatus.DONE
 
     @property
     def advice(self) -> str:
-        """What to try, in a sentence."""
+        """Advice on what to try, as a sentence."""
         return self.status.advice
 
     def report(self) -> str:
@@ -121,30 +121,31 @@ def cartesian_path(
     margin: float = 0.0,
     tolerance: float = 0.001,
 ) -> CartesianPath:
-    """Move a hand along curves: at every stop inverse kinematics from the posture before.
+    """Move a hand along curves, by inverse kinematics at every stop from the previous posture.
 
-    The position is met at every stop to the tolerance; the direction as far as it can be.  Where the whole
-    body would touch something, the arm tries alone, and then the body, keeping clear.  Between stops the
-    hand leaves the curve by some step^2 / 8 times its curvature in joint space, far below a millimeter.
+    The position is met at every stop to the tolerance, the direction as closely as possible.  If the whole
+    body would touch something, the arm is tried alone, and then the body with collision avoidance.  Between
+    stops the hand leaves the curve by about step^2 / 8 times its curvature in joint space, far below a
+    millimeter.
 
     Args:
         pepper: The robot.
-        start: Joint positions to start from [rad or m], shape (n,).
+        start: Initial joint positions [rad or m], shape (n,).
         hand: "left" or "right".
-        curves: `Line` and `Arc`, the first from where the hand is at `start`.
-        scene: The world around the robot; itself is always looked at. Objects attached with a mass count for
-            what the joints can hold.
-        direction: Where the hand should point in the world, shape (3,), not zero; None to leave it open.
+        curves: `Line` and `Arc`; the first one begins where the hand is at `start`.
+        scene: The world around the robot; collisions of the robot with itself are always checked.  Masses of
+            attached objects count for the holding torques.
+        direction: Direction in the world in which the hand should point, shape (3,), not zero; None for any.
         joints: Joints that may move, by names of joints and groups; the others keep `start`.  None for all.
-        step: Largest distance between stops [m]; they lie nearer where a joint moves fast.
+        step: Largest distance between stops [m]; stops are closer where a joint moves fast.
         margin: Distance to keep to the scene [m]; its own parts must not touch.
         tolerance: Largest distance of the hand from the curve at a stop [m].
 
     Returns:
-        The path; its `fraction` is the part completed, its `status` and `message` the reason of its end.
+        The path; `fraction` is its completed part, `status` and `message` tell why it ends.
 
     Raises:
-        InvalidValueError: for no curve, NaN, or numbers that are none.
+        InvalidValueError: for no curve, NaN, or an argument that is not a number.
         UnknownNameError: for an unknown hand, joint or group.
         LimitError: for a start outside the joint limits.
     """
@@ -184,18 +185,19 @@ def cartesian_path(
 
 
 class _Follower:
-    """Goes from stop to stop.
+    """Inverse kinematics from stop to stop.
 
     Args:
         pepper: The robot.
         hand: "left" or "right".
-        frame: The hand's frame.
-        direction: Where the hand should point in the world, a unit vector, shape (3,); None leaves it open.
+        frame: Name of the hand's frame.
+        direction: Direction in the world in which the hand should point, a unit vector, shape (3,); None for
+            any.
         scene: The world; None for the robot alone.
         joints: Joints that may move, by joints and groups; None for all.
-        margin: Distance requested to all things [m].
-        tolerance: Of the hand's position [m].
-        least_step: Stops are no closer together than this [m].
+        margin: Distance to keep from obstacles [m].
+        tolerance: Tolerance of the hand's position [m].
+        least_step: Minimum distance between stops [m].
     """
 
     def __init__(
@@ -222,8 +224,8 @@ class _Follower:
         self.idle = ~joints_used(pepper, asked)
         names = pepper.resolve_joints(joints)
         used = [name for name in names if not self.idle[pepper.joint_index(name)]]
-        # Joints that move, and what they keep clear of: first of nothing, which is quick and looked at later;
-        # joints that do not move the hand rest, as long as that will do.
+        # Joints that move, and the scene they avoid, tried in turn: first no scene, which is quick and
+        # checked afterwards; joints that do not move the hand rest as long as possible.
         self.ways: list[tuple[str | Sequence[str] | None, Scene | None]] = [(used, None)]
         self.ways += [(f"{hand}_arm", None)] if arm_only else []
         self.ways += [(used, world), (joints, world)]
@@ -236,12 +238,12 @@ class _Follower:
 
         Args:
             q: Joint positions at the start [rad or m], shape (n,).
-            stops: Distances of the stops along the route [m], rising from 0, shape (k,).
+            stops: Distances of the stops along the route [m], increasing from 0, shape (k,).
             route: The hand's route.
 
         Returns:
-            Joint positions at the stops reached, the start and any put in between included, shape (m, n); the
-            stops' distances [m], shape (m,); how it ended, and why in words.
+            Joint positions at the stops reached, including the start and inserted stops, shape (m, n); the
+            stops' distances [m], shape (m,); status and message.
         """
         path, done = [q], [0.0]
         fault = fault_of(self.exact, q, "start", self.statics)
@@ -262,7 +264,7 @@ class _Follower:
         return np.array(path), np.array(done), CartesianStatus.DONE, message
 
     def _step(self, before: Array, point: Array) -> Array | tuple[CartesianStatus, str]:
-        """Return the joint positions [rad or m] at the next stop, shape (n,), or why there are none.
+        """Return the joint positions [rad or m] at the next stop, shape (n,), or status and reason.
 
         Args:
             before: Joint positions at the last stop [rad or m], shape (n,).
@@ -284,14 +286,14 @@ class _Follower:
             if fault is None:
                 return result.q
             reasons.append(fault)
-        # An obstacle that stops one of the ways says more than what the body did in another.
+        # A reason that names an obstacle is more informative than other reasons.
         objects = self.exact.scene.names
         return next((r for r in reasons if any(name in r[1] for name in objects)), reasons[0])
 
     def _turned(self, before: Array) -> Array:
         """Return the next target direction, shape (3,), from joint positions `before` [rad or m], shape (n,).
 
-        It is as far toward the final one as a stop may turn the hand.
+        It is rotated toward the final direction by at most `TURN`.
         """
         now = frame_pose(self.pepper, before, self.frame)[:3, 0]
         direction_task = cast("Array", self.direction)
@@ -299,12 +301,12 @@ class _Follower:
         if angle <= TURN:
             return direction_task
         across = direction_task - (now @ direction_task) * now
-        if np.linalg.norm(across) < 1e-6:  # opposite: any way round will do
+        if np.linalg.norm(across) < 1e-6:  # opposite: rotate about any axis
             across = np.cross(now, np.eye(3)[np.argmin(np.abs(now))])
         return np.asarray(np.cos(TURN) * now + np.sin(TURN) * across / np.linalg.norm(across))
 
     def _fault(self, result: ik.IKResult, before: Array) -> tuple[CartesianStatus, str] | None:
-        """Return what is wrong with a step from joint positions `before` [rad or m], shape (n,), or None."""
+        """Return why a step from joint positions `before` [rad or m], shape (n,), fails, or None."""
         if not result.hard_met:
             limited = result.status is ik.IKStatus.CLOSEST_LIMITS
             status = CartesianStatus.BLOCKED_BY_LIMITS if limited else CartesianStatus.OUT_OF_REACH
@@ -320,7 +322,7 @@ class _Follower:
         return self._contact(result.q)
 
     def _contact(self, q: Array) -> tuple[CartesianStatus, str] | None:
-        """Return which contact or torque forbids the joint positions q [rad or m], shape (n,), or None."""
+        """Return why contact or torque forbids joint positions q [rad or m], shape (n,), or None."""
         if self.checker.in_collision(q):
             fault = fault_of(self.exact, q, "next stop", self.statics)
             if fault is not None:

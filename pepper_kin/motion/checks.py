@@ -1,4 +1,4 @@
-"""Validity of the configurations of a motion: collision checks at any margin, and torques that hold."""
+"""Validity of the configurations of a motion: collision checks at any margin, and holding torques."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ from pepper_kin.motion.static_limits import StaticLimits
 from pepper_kin.planners.compiled import load_code
 
 LEAST_MARGIN = 1e-4
-"""A margin smaller than this counts as none [m]."""
+"""Margin below which it counts as zero [m]."""
 
 
 class Checks(CurveChecks):
-    """Answers on paths of one robot in one scene: what is free, and what can be held.
+    """Checks for paths of one robot in one scene: freedom of collision, and holding torques.
 
     Args:
         pepper: The robot.
         scene: The world; None for the robot alone.
-        statics: What can be held; None: the robot's own weight by its joints.
+        statics: Static limits to keep; None: the joints must hold the robot's own weight.
 
     Attributes:
-        statics: What can be held.
+        statics: Static limits to keep.
     """
 
     def __init__(self, pepper: PepperModel, scene: Scene | None, statics: StaticLimits | None = None) -> None:
@@ -50,36 +50,36 @@ class Checks(CurveChecks):
 
     @functools.cached_property
     def asking_coal(self) -> Checks:
-        """The same, with coal's answer to all that machine code cannot tell, edges of searches among it.
+        """Checks in which coal decides wherever machine code cannot, also for edges of searches.
 
-        Machine code takes a mesh that is not convex for its hull: within it, it cannot tell.
+        Machine code replaces a mesh that is not convex by its convex hull, and cannot decide inside the hull.
         """
         other = Checks(self.pepper, self.scene, self.statics)
         other.compiled = other.quick = False
         return other
 
     def free(self, q: ArrayLike, margin: float = 0.0, self_margin: float = 0.0) -> NDArray[np.bool_]:
-        """Whether nothing is nearer than the margins, shape (...), at q, shape (..., n)."""
+        """Whether configurations q, shape (..., n), keep the margins [m], shape (...)."""
         if margin == 0.0 and self_margin == 0.0:
             return ~self._fast.in_collision(q)
         return ~fast_checker_for(self.pepper, self.scene, margin, self_margin).in_collision(q)
 
     @property
     def edges(self) -> int:
-        """Address of the compiled check of edges, which takes a block of `of_motion`; 0 without."""
+        """Address of the compiled check of edges, which takes a block of `of_motion`; 0 if not compiled."""
         return int(valid_steps.address) if self.compiled else 0
 
     def along(
         self, standing: Array, moving: NDArray[np.int64], margins: tuple[float, float]
     ) -> Callable[[Array], NDArray[np.bool_]]:
-        """Return a function of states of one motion, shape (m, n), that answers as `free` does.
+        """Return a function that tells which states of one motion, shape (m, n), keep the margins.
 
-        What stands is looked at once.
+        Bodies that do not move are checked only once.
 
         Args:
-            standing: A configuration in which the joints stand that do not move, shape (n,).
-            moving: Places of the joints that move, shape (k,).
-            margins: To the scene and to the robot itself [m].
+            standing: A configuration with the positions of joints that do not move [rad or m], shape (n,).
+            moving: Indices of the joints that move, shape (k,).
+            margins: Distances to the scene and of the robot to itself [m].
         """
         if not self.compiled:
             checker = fast_checker_for(self.pepper, self.scene, *margins)
@@ -96,10 +96,10 @@ class Checks(CurveChecks):
         return test
 
     def of_configurations(self) -> MotionCheck:
-        """Return what compiled functions take that check configurations of which any joint may differ.
+        """Return the compiled check of configurations in which any joint may differ.
 
-        What holds for states of a path holds for them: see `StaticLimits.hold`.  It is of use in this thread
-        until a check of a motion, or another of these, is asked for.
+        The configurations are checked like states of a path, see `StaticLimits.hold`.  The result is valid in
+        this thread until this method or a check of a motion is called again.
         """
         blocks = NO_BLOCKS
         if self.compiled:
@@ -117,16 +117,17 @@ class Checks(CurveChecks):
         return found
 
     def holds(self, q: Array) -> NDArray[np.bool_]:
-        """Whether q, shape (m, n), can be held still, with a little to spare; shape (m,)."""
+        """Whether configurations q, shape (m, n), can be held still, with a small reserve; shape (m,)."""
         return self.statics.hold(q)
 
     def too_near(self, q: Array, what: str, least: float) -> str:
-        """Return a sentence on what an end of a path, shape (n,), is too near to; empty where to nothing.
+        """Return a sentence that names what an end of a path is too near to; empty if the distance is kept.
 
         Args:
-            q: The configuration.
-            what: Its name, such as "start".
-            least: What a curve must keep from the scene all along, which is looked at `SHORTEST` apart [m].
+            q: The configuration [rad or m], shape (n,).
+            what: Name of the configuration, such as "start".
+            least: Distance that the whole curve must keep from the scene, examined at steps of `SHORTEST`
+                [m].
         """
         if least == 0.0 or self.free(q, least + SHORTEST):
             return ""
@@ -137,14 +138,14 @@ class Checks(CurveChecks):
     def validity(
         self, frozen: Array, free: NDArray[np.int64], margins: tuple[float, float]
     ) -> planners.StateValidityChecker:
-        """Return which states of the free joints are valid, the others standing as in `frozen`, shape (n,).
+        """Return the validity check for states of the free joints, with the other joints fixed.
 
-        A state is valid where nothing touches, the margins are kept, and the posture can be held.
+        A state is valid if nothing touches, the margins are kept, and the posture can be held.
 
         Args:
-            frozen: A whole configuration, shape (n,).
-            free: Places of the joints that move, shape (k,).
-            margins: To the scene and to the robot itself [m].
+            frozen: A whole configuration with the fixed joints' positions [rad or m], shape (n,).
+            free: Indices of the joints that move, shape (k,).
+            margins: Distances to the scene and of the robot to itself [m].
         """
         if not self.compiled:
             checker = fast_checker_for(self.pepper, self.scene, *margins)
@@ -160,18 +161,18 @@ class Checks(CurveChecks):
 
             return valid
         made = self._moving(frozen, free).at(*margins)
-        # No search of a path calls another of the same problem, so that a thread needs one block.
+        # A search never calls another search of the same problem, so that a thread needs one block.
         return planners.CompiledMotionValidator(made.address, int(free.size), made.memory, keep_alive=made)
 
     def margins(
         self, start: Array, goals: Array, free: NDArray[np.int64], margin: float
     ) -> tuple[float, float]:
-        """Return the margins kept to the scene and to the robot itself [m], as far as the ends allow.
+        """Return the margins to the scene and of the robot to itself [m] that start and goals allow.
 
         Args:
-            start: Start configuration, shape (n,).
-            goals: Goals, shape (m, n); one that keeps the margins will do.
-            free: Places of the joints in which they may differ, shape (k,).
+            start: Start configuration [rad or m], shape (n,).
+            goals: Goals [rad or m], shape (m, n); it suffices that one keeps the margins.
+            free: Indices of the joints that may differ, shape (k,).
             margin: The margin requested [m].
         """
         ends, kept = np.concatenate([start[None], goals]), np.empty(2)
@@ -181,14 +182,14 @@ class Checks(CurveChecks):
     def sound_ends(
         self, start: Array, goals: Array, free: NDArray[np.int64], margin: float
     ) -> tuple[float, float] | None:
-        """Return what `margins` does where all ends touch nothing and can be held, and else None.
+        """Return the margins that start and goals allow if all of them are valid, else None.
 
-        It takes one call of machine code; None as well where that cannot answer.
+        The check is one call of machine code; the result is None as well if that cannot decide.
 
         Args:
             start: Start configuration [rad or m], shape (n,).
             goals: Goals [rad or m], shape (m, n).
-            free: Places of the joints in which they may differ, shape (k,).
+            free: Indices of the joints that may differ, shape (k,).
             margin: The margin requested [m].
         """
         if not self.compiled or self.statics.balance is not None or not free.size:
@@ -200,7 +201,7 @@ class Checks(CurveChecks):
 
 
 def checks_for(pepper: PepperModel, scene: Scene | None, statics: StaticLimits) -> Checks:
-    """Return the checks of a robot in a scene, made once and kept, with their arrays, for the next call."""
+    """Return the checks of a robot in a scene, cached with their arrays for the next call."""
     return _checks_for(pepper, as_on_disk(scene), statics)
 
 
@@ -211,5 +212,5 @@ def _checks_for(pepper: PepperModel, scene: Scene | None, statics: StaticLimits)
 
 @functools.cache
 def _load_code() -> None:
-    """Load, or compile, what planning needs, before any clock starts."""
+    """Load or compile the code that planning needs, before any time budget starts."""
     load_code(check_many, sound_ends)

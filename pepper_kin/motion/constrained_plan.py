@@ -1,4 +1,4 @@
-"""Planning with constraints, which the path and the spline through its way-points keep everywhere."""
+"""Planning with constraints that hold along the whole path and the spline through its way-points."""
 
 from __future__ import annotations
 
@@ -32,22 +32,22 @@ from pepper_kin.trajectory.path import CubicPath, as_cubic_path
 PLANNER = "cbirrt"
 SHORTCUTS = 60
 SEARCHES = 3
-"""Paths from which the cost is lowered."""
+"""Number of paths from which the cost is lowered."""
 
 STEPS = 200
-"""Of the descent from the cheapest."""
+"""Maximum number of steps of the descent from the cheapest path."""
 
-_LITTLE = 0.01  # [s]: with less left nothing more is searched
+_LITTLE = 0.01  # minimum remaining time for a further search [s]
 NO_SPLINE = "A path was found, but no spline through way-points of it keeps constraints and margin."
 FEWEST_PIECES = 8
 MOST_PIECES = 1024
 SLACK = 0.98
-"""Of a tolerance: what the spline may use of it where it is sampled while way-points are chosen."""
+"""Fraction of a tolerance that samples of the spline may use while way-points are chosen."""
 
 _BATCH = 256
 
 SAMPLES = 6
-"""Samples of a piece of the spline in the final look."""
+"""Number of samples of each piece of the spline in the final examination."""
 
 
 def plan_constrained(
@@ -71,30 +71,34 @@ def plan_constrained(
 
     A tray that stays level is `AxisAlignment`, a box between two hands `RelativePose`, a gaze that stays on a
     point `LookAt`, a hand at a height `FrameInPlane`.  Each task's tolerance is what may be used of it on the
-    way: half a degree is an equation to the planner, ten degrees an inequality.
+    way: half a degree acts as an equation for the planner, ten degrees as an inequality.
 
     Args:
         pepper: The robot.
         start: Start configuration [rad or m], shape (n,), which meets the constraints.
-        goal: Goal configuration, shape (n,), several, shape (m, n), or a list of IK tasks, which are solved
-            together with the constraints.
+        goal: Goal configuration [rad or m], shape (n,), several, shape (m, n), or a list of IK tasks, which
+            are solved together with the constraints.
         scene: The world around the robot.
         constraints: Tasks with one target and a finite tolerance each.
-        costs: Soft costs that are made small together with the length, see `plan_costed`.
-        joints: As of `plan`.
-        margin: As of `plan` [m].
-        least_margin: As of `plan` [m].
-        seed: As of `plan`.
+        costs: Soft costs that are minimized together with the length, see `plan_costed`.
+        joints: Joints that may move, by names of joints and groups; None: joints in which start and goals
+            differ.
+        margin: Requested distance to all bodies [m]; it is relaxed if necessary, as by `plan`.
+        least_margin: Distance that the whole curve is proven to keep from the scene [m], from 0 to `margin`.
+        seed: Seed of all random choices.
         timeout: Time budget of IK and search [s]; short-cutting and rounding may take half of it each.
-        balance: As of `plan`.
-        torque_scale: As of `plan`.
-        payload: As of `plan`.
+        balance: Distance that the center of mass keeps from the edges of the wheels' triangle [m]; "robot"
+            for the robot's requirement; None to leave balance out.
+        torque_scale: Fraction of the effort limits for holding torques; "robot" for the robot's requirement.
+        payload: Point masses held at "left", "right" or a frame by name [kg], in addition to attached
+            objects.
 
     Returns:
-        The plan.  Its `constraint_errors` are the largest errors along the spline that `retime` draws.
+        The plan.  `constraint_errors` holds the largest error of each constraint along the spline that
+        `retime` follows.
 
     Raises:
-        InvalidValueError: for a wrong shape, NaN, no constraint or cost, or one of infinite tolerance.
+        InvalidValueError: for a wrong shape, NaN, no constraint or cost, or an infinite tolerance.
         LimitError: for a start or goal outside the joint limits, naming the joint.
         UnknownNameError: for an unknown joint, frame or group.
     """
@@ -108,7 +112,7 @@ def plan_constrained(
 
 
 def constrained_path(asked: PlanRequest) -> Plan:
-    """Return what `plan_constrained` does."""
+    """Return the plan of a request with constraints; see `plan_constrained`."""
     pepper, options = asked.pepper, asked.options
     request = asked.checked(PLANNER)
     checks, ended, tasks, q_start = request.checks, request.ended, request.constraints, request.start
@@ -145,7 +149,7 @@ def constrained_path(asked: PlanRequest) -> Plan:
 
 
 class _Along:
-    """From a path on a manifold to the plan that is returned."""
+    """Post-processing of a path on a constraint manifold, up to the plan."""
 
     def __init__(
         self, request: CheckedRequest, problem: PathProblem, manifold: planners.ConstraintManifold
@@ -154,7 +158,7 @@ class _Along:
         self._seed, self._timeout = request.seed, request.options.timeout / 2
 
     def shortest(self, path: planners.Path) -> Array | None:
-        """Shorten and round a path; return way-points whose spline is valid, shape (m, n), or None."""
+        """Shorten and smooth a path; return way-points whose spline is valid, shape (m, n), or None."""
         problem, manifold, timeout = self._problem, self._manifold, self._timeout
         short = planners.constrained_shortcut(
             problem.search_problem, manifold, path, seed=self._seed, iterations=SHORTCUTS, timeout=timeout
@@ -165,12 +169,12 @@ class _Along:
     def cheapest(
         self, path: planners.Path, costs: PathCosts, plain: Array | None
     ) -> tuple[Array | None, PathFigures | None, PathFigures | None]:
-        """Return way-points of a path of little cost, its figures, and those of one without regard to costs.
+        """Return way-points of a path of small cost, its figures, and the figures of the path without costs.
 
         Args:
             path: A path on the manifold.
             costs: Soft costs.
-            plain: Way-points of the path without regard to them, shape (m, n).
+            plain: Way-points of the path planned without costs [rad or m], shape (m, n).
         """
         problem = self._problem
         before = None if plain is None else figures_of(problem, costs, plain)
@@ -195,7 +199,7 @@ class _Along:
         return points, figures, before
 
     def _other(self, seed: int, timeout: float) -> planners.Path | None:
-        """Return the path of another search, which may lead another way around; None where there is none."""
+        """Return the path of a further search, which may pass obstacles on another side, or None."""
         if timeout < _LITTLE:
             return None
         result = planners.cbirrt(
@@ -205,12 +209,12 @@ class _Along:
         return result.path
 
     def ended(self, path: Array | None, more: dict[str, Any], found: planners.Path) -> Plan:
-        """Return the plan of way-points, if there are any and their spline keeps the constraints.
+        """Return the plan of way-points, which fails if there are none or their spline violates constraints.
 
         Args:
-            path: Way-points, shape (m, n).
+            path: Way-points [rad or m], shape (m, n); None for none.
             more: Other fields of the plan.
-            found: The path that the search found.
+            found: Path of the search.
         """
         tasks, checks, ended = self._request.constraints, self._request.checks, self._request.ended
         errors = () if path is None else largest_errors(checks.pepper, path, tasks)
@@ -225,7 +229,7 @@ class _Along:
 
 
 def _off(pepper: PepperModel, tasks: Sequence[Task], q: Array, what: str) -> tuple[PlanStatus, str] | None:
-    """Return which constraint a configuration q [rad or m], shape (n,), does not meet, or None."""
+    """Return status and message if a configuration q [rad or m], (n,), violates a constraint, or None."""
     for task in tasks:
         if task.error(pepper, q) > task.tolerance * (1.0 + 1e-9):
             status = PlanStatus.START_OFF_CONSTRAINT if what == "start" else PlanStatus.GOAL_OFF_CONSTRAINT
@@ -246,17 +250,18 @@ def constrained_waypoints(
 ) -> Array | None:
     """Return the fewest equidistant way-points whose spline is valid and keeps the constraints.
 
-    `retime` draws a cubic spline through way-points.  On the manifold it is off by the fourth power of their
-    distance where the path is smooth, so twice as many are tried until it keeps the tolerances everywhere.
-    The spline keeps half the margins where it is looked at coarsely, and is then examined closely.
+    `retime` follows the cubic spline through way-points.  Its deviation from the manifold falls with the
+    fourth power of the way-points' distance where the path is smooth, so their number is doubled until the
+    spline keeps the tolerances everywhere.  The spline keeps half the margins at coarse samples, and is then
+    examined closely.
 
     Args:
-        path_problem: The planning problem, of the joints that move.
-        manifold: The constraints on them.
+        path_problem: The planning problem of the joints that move.
+        manifold: The constraints on these joints.
         candidates: Paths on the manifold, best first.
 
     Returns:
-        Way-points, shape (m, n) [rad or m]; None where not even the most dense ones will do.
+        Way-points [rad or m], shape (m, n); None if not even the densest suffice.
     """
     pepper, problem, embed = path_problem.checks.pepper, path_problem.relaxed, path_problem.embed
     moving = np.flatnonzero(np.isnan(embed(np.full((1, problem.n), np.nan))[0]))
@@ -285,7 +290,7 @@ def _spline_holds(
 ) -> bool:
     """Return whether a spline keeps constraints and bounds and is valid at the problem's resolution.
 
-    The spline is that of whole configurations; `moving` are the places of the joints that move, shape (k,).
+    The spline is of whole configurations; `moving` are the indices of the joints that move, shape (k,).
     """
     spans = np.diff(spline.breaks)
     ends = spline.at(np.arange(spans.size), spans)
@@ -293,7 +298,7 @@ def _spline_holds(
     counts = np.maximum(4, np.ceil(1.5 * lengths / problem.spacing).astype(int))
     rows = [spline.at(np.full(k, i), np.arange(k) / k * spans[i]) for i, k in enumerate(counts)]
     states = np.ascontiguousarray(np.concatenate([*rows, ends[-1:]])[:, moving])
-    # The ends are what they are, and on the way in and out the tolerance may be used up.
+    # The ends are given, so the tolerance may be used up as far as the ends do.
     errors = manifold.errors(states) / manifold.tolerances
     at_ends = np.maximum(errors[[0, -1]].max(), SLACK)
     if errors.max() > min(at_ends, 1.0 + 1e-9):
@@ -306,7 +311,7 @@ def _spline_holds(
 def largest_errors(pepper: PepperModel, path: Array, tasks: Sequence[Task]) -> tuple[float, ...]:
     """Return the largest error of each task along the spline through way-points, by Pinocchio.
 
-    Nothing is shared with the machine code by which the path was found.
+    No code is shared with the machine code that found the path.
 
     Args:
         pepper: The robot.

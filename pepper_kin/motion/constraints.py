@@ -26,16 +26,16 @@ if TYPE_CHECKING:
 SOURCES = tuple(
     f"pepper_kin.{name}" for name in ("symbolic", "model", "ik.fast", "ik.tasks", "motion.constraints")
 )
-"""Packages and modules on which the kernels depend."""
+"""Packages and modules whose code the kernels depend on."""
 
 
 def as_constraints(
     pepper: PepperModel, constraints: Sequence[Task | TaskGroup], loads: Loads = ()
 ) -> tuple[Task, ...]:
-    """Return tasks as constraints of a path, groups taken apart; loads count for the center of mass.
+    """Return tasks as constraints of a path, with groups split; loads count for the center of mass.
 
     Raises:
-        InvalidValueError: for no task, a task with several targets, or one of infinite tolerance.
+        InvalidValueError: for no task, a task with several targets, or an infinite tolerance.
         UnknownNameError: for a frame or joint that the robot lacks.
     """
     tasks = tuple(with_loads(flatten_tasks(pepper, constraints), loads))
@@ -46,15 +46,15 @@ def as_constraints(
 
 
 def with_equalities(task: Task) -> Task:
-    """Return a task that IK meets before all soft ones."""
+    """Return a task as a hard one, which IK meets before all soft tasks."""
     return task.altered(hard=True)
 
 
 def with_constraints(goal: ArrayLike | Sequence[Any], constraints: Sequence[Task]) -> Any:
-    """Return a goal; if it is made of tasks, together with constraints as hard ones.
+    """Return a goal, with the constraints added as hard tasks if it consists of tasks.
 
     Args:
-        goal: Joint positions [rad or m], shape (n,) or (m, n), which stay as they are; or tasks.
+        goal: Joint positions [rad or m], shape (n,) or (m, n), which are returned unchanged; or tasks.
         constraints: The constraints.
     """
     if not isinstance(goal, Sequence) or not goal or not isinstance(goal[0], (Task, TaskGroup)):
@@ -70,13 +70,13 @@ def manifold_of(
 ) -> planners.ConstraintManifold:
     """Return the configurations that meet tasks to their tolerances, for some joints of a robot.
 
-    Residuals and their Jacobian are compiled, at the first use of tasks of these kinds on these frames, and
-    kept on disk.  Tasks of other classes than those of `pepper_kin.ik` are called in Python, which is slow.
+    Residuals and their Jacobian are compiled at the first use of the tasks' kinds and frames, and cached on
+    disk.  Tasks of classes outside `pepper_kin.ik` are called in Python, which is slow.
 
     Args:
         pepper: The robot.
         constraints: Tasks with one target and a finite tolerance each.
-        frozen: A whole configuration [rad or m], shape (n,): what the other joints keep.
+        frozen: A whole configuration with the other joints' positions [rad or m], shape (n,).
         free: Indices of the joints that move, shape (k,).
 
     Raises:
@@ -89,7 +89,7 @@ def manifold_of(
     tolerances: list[float] = []
     names: list[str] = []
     for task, size in zip(tasks, sizes, strict=True):
-        # Where the largest component is the error, each component is a separate constraint.
+        # If the error is the largest component, each component is a separate constraint.
         first, apart = len(tolerances), task.largest
         count = size if apart else 1
         groups += [first + (k if apart else 0) for k in range(size)]
@@ -113,12 +113,12 @@ def residuals_of(
 
     Args:
         pepper: The robot.
-        tasks: As `as_constraints` returns them.
-        frozen: A whole configuration [rad or m], shape (n,): what the other joints keep.
+        tasks: Constraints, as `as_constraints` returns them.
+        frozen: A whole configuration with the other joints' positions [rad or m], shape (n,).
         free: Indices of the joints that move, shape (k,).
 
     Returns:
-        A callable to arrays of shape (m, r) and (m, r, k).
+        A function that returns residuals, shape (m, r), and Jacobians, shape (m, r, k).
     """
     python, structures = InPython(pepper, tuple(tasks), frozen, free), soft_structures(tasks)
     if structures is None:
@@ -136,12 +136,12 @@ def residuals_of(
 
 
 class InPython:
-    """Tasks of a user's own classes, state by state.
+    """Residuals and Jacobians of tasks by their Python code, state by state.
 
     Args:
         pepper: The robot.
         tasks: The tasks.
-        frozen: A whole configuration [rad or m], shape (n,): what the other joints keep.
+        frozen: A whole configuration with the other joints' positions [rad or m], shape (n,).
         free: Indices of the joints that move, shape (k,).
     """
 
@@ -165,7 +165,7 @@ class InPython:
 
 
 def soft_structures(tasks: Sequence[Task]) -> tuple[TaskStructure, ...] | None:
-    """Return the structures of tasks as of soft ones; None where one of them has no machine code."""
+    """Return the structures of tasks, all soft; None if a task has no machine code."""
     known = known_structures(tasks)
     return None if known is None else tuple(structure._replace(hard=False) for structure in known)
 
@@ -176,9 +176,9 @@ def _machine_code(
     """Return tasks of known kinds as a manifold in machine code.
 
     Args:
-        kernel: Of their structures.
+        kernel: Kernel of the tasks' structures.
         tasks: The tasks.
-        frozen: A whole configuration [rad or m], shape (n,): what the other joints keep.
+        frozen: A whole configuration with the other joints' positions [rad or m], shape (n,).
         free: Indices of the joints that move, shape (k,).
     """
     kernel_input = np.concatenate([frozen, *[target_of(task) for task in tasks]])
@@ -191,13 +191,13 @@ def _machine_code(
 
 @kept_for_robot(most=64)
 def _kernel(pepper: PepperModel, structures: tuple[TaskStructure, ...]) -> Kernel:
-    """Return the kernel of `_expression`."""
+    """Return the compiled kernel of residuals and their Jacobian."""
     key = f"constraints {structures!r} of {robot_digest(pepper)} by {source_digest(*SOURCES)}"
     return compile_function(lambda: _expression(pepper, structures), key=key)
 
 
 def _expression(pepper: PepperModel, structures: tuple[TaskStructure, ...]) -> casadi.Function:
-    """Return the function (q, targets) -> all residuals, then their Jacobian by q, row by row."""
+    """Return the CasADi function (q, targets) -> residuals, then their Jacobian by q, row by row."""
     import casadi
 
     q = casadi.SX.sym("q", pepper.n)

@@ -1,4 +1,4 @@
-"""Planning with soft costs: paths of small length and cost together."""
+"""Planning with soft costs: paths whose length and costs together are small."""
 
 from __future__ import annotations
 
@@ -30,17 +30,17 @@ from pepper_kin.trajectory.path import as_cubic_path
 
 PLANNER = "rrt_connect"
 SEARCHES = 2
-"""Paths of each of two kinds of search, from which the cost is lowered."""
+"""Number of paths of each of two kinds of search from which the cost is lowered."""
 
 MOST_ITERATIONS = 20_000
-"""Of a further search."""
+"""Maximum number of iterations of a further search."""
 
 FIRST_STEPS = 45
-"""Of the descent from each path; the cheapest then goes on."""
+"""Number of steps of the descent from each path; the cheapest path then continues."""
 
-_PIECES = (6, 12, 24, 48, 96, 192)  # of a spline through a path
-_LITTLE = 0.01  # [s]: with less left nothing more is searched
-_CLOSE = 1.01  # what a spline may cost more than the polyline that it follows
+_PIECES = (6, 12, 24, 48, 96, 192)  # numbers of pieces of a spline through a path, tried in turn
+_LITTLE = 0.01  # minimum remaining time for a further search [s]
+_CLOSE = 1.01  # maximum cost of a spline, relative to its polyline
 NO_SPLINE = "A path was found, but no spline through way-points of it is free of collision."
 
 
@@ -60,35 +60,37 @@ def plan_costed(
     torque_scale: TorqueScale = "robot",
     payload: Mapping[str, float] | None = None,
 ) -> Plan:
-    """Plan a collision-free path on which its length and soft costs together are small.
+    """Plan a collision-free path whose length and soft costs together are small.
 
-    What is made small is the integral of 1 + sum of the prices over the length of the path in the planners'
-    metric (see `PathCost`): by searches with regard to the cost and without (`planners.transition_rrt`,
-    `rrt_connect`), short-cuts that count it, and steps down its gradient (`planners.descend_cost`).  It is
-    not proven to be the least.
+    The integral of 1 + sum of the prices over the length of the path in the planners' metric (see `PathCost`)
+    is reduced by searches with and without the cost (`planners.transition_rrt`, `rrt_connect`), short-cuts
+    that count the cost, and gradient descent (`planners.descend_cost`).  The result is not proven to be the
+    minimum.
 
     Args:
         pepper: The robot.
         start: Start configuration [rad or m], shape (n,).
-        goal: Goal configuration, shape (n,), several, shape (m, n), or a list of IK tasks.
+        goal: Goal configuration [rad or m], shape (n,), several, shape (m, n), or a list of IK tasks.
         scene: The world around the robot.
         costs: Expressions (`PathCost`), and tasks with a finite tolerance, whose price is the square of the
             error in tolerances.
-        joints: As of `plan`; give more than those in which start and goals differ where others can lower
-            the cost.
-        margin: As of `plan` [m].
-        least_margin: As of `plan` [m].
-        seed: As of `plan`.
+        joints: Joints that may move, by names of joints and groups; None: joints in which start and goals
+            differ.  Name further joints if they can lower the cost.
+        margin: Requested distance to all bodies [m]; it is relaxed if necessary, as by `plan`.
+        least_margin: Distance that the whole curve is proven to keep from the scene [m], from 0 to `margin`.
+        seed: Seed of all random choices.
         timeout: Time budget [s].
-        balance: As of `plan`.
-        torque_scale: As of `plan`.
-        payload: As of `plan`.
+        balance: Distance that the center of mass keeps from the edges of the wheels' triangle [m]; "robot"
+            for the robot's requirement; None to leave balance out.
+        torque_scale: Fraction of the effort limits for holding torques; "robot" for the robot's requirement.
+        payload: Point masses held at "left", "right" or a frame by name [kg], in addition to attached
+            objects.
 
     Returns:
-        The plan.  Its `costs` hold the integrals along its curve, and along that of the plan without costs.
+        The plan.  `costs` holds the integrals along its curve, and along the curve of the plan without costs.
 
     Raises:
-        InvalidValueError: for a wrong shape, NaN, no cost, or one that is none.
+        InvalidValueError: for a wrong shape, NaN, no cost, or a cost of another type.
         LimitError: for a start or goal outside the joint limits, naming the joint.
         UnknownNameError: for an unknown joint, frame or group.
     """
@@ -103,7 +105,7 @@ def plan_costed(
 
 
 def costed_path(asked: PlanRequest) -> Plan:
-    """Return what `plan_costed` does."""
+    """Return the plan of a request with soft costs; see `plan_costed`."""
     request, options = asked.checked(), asked.options
     checks, ended, costs = request.checks, request.ended, request.costs
     assert costs is not None
@@ -131,7 +133,7 @@ def costed_path(asked: PlanRequest) -> Plan:
 
 
 def words(path: Array, found: PathFigures, before: PathFigures | None) -> str:
-    """Return what a path, shape (m, n), costs, and what it costs more than one that is short only."""
+    """Return a sentence on a path's costs, and on costs and length of the path planned without costs."""
     text = f"Path of {len(path)} way-points; its costs are {found.integrals.sum():.3g} m"
     if before is None:
         return f"{text}."
@@ -143,9 +145,9 @@ class _CheapSearch:
     """Paths of one problem, from the first that is found to the cheapest.
 
     Attributes:
-        result: Of the first search, without regard to costs.
-        first: Its path; None where there is none.
-        states_checked: Number of configurations asked about by searches.
+        result: Result of the first search, without costs.
+        first: Path of the first search; None if none was found.
+        states_checked: Number of configurations checked by searches.
     """
 
     def __init__(
@@ -154,10 +156,11 @@ class _CheapSearch:
         """Search a first path.
 
         Args:
-            problem: What is planned.
+            problem: The planning problem.
             costs: Soft costs.
             seed: Seed of all random choices.
-            deadlines: Of the first path, and of all that is done, on the clock of `working_time` [s].
+            deadlines: Deadlines of the first path and of the whole search, on the clock of `working_time`
+                [s].
         """
         self._problem, self._costs, self._seed, self._deadline = problem, costs, seed, deadlines[0]
         self._price = costs.for_planner(problem.start, problem.free)
@@ -167,9 +170,9 @@ class _CheapSearch:
         self._deadline = deadlines[1]
 
     def cheapest(self) -> tuple[Array | None, PathFigures | None, PathFigures | None]:
-        """Return way-points, shape (m, n), their figures, and those of the way without regard to costs.
+        """Return way-points, shape (m, n), their figures, and the figures of the path planned without costs.
 
-        The former two are None where no spline is clear.
+        Way-points and their figures are None if no spline is clear.
         """
         problem, first = self._problem, self.first
         assert first is not None
@@ -193,7 +196,7 @@ class _CheapSearch:
         return max(self._deadline - working_time(), 1e-3)
 
     def _paths(self, first: planners.Path) -> list[planners.Path]:
-        """Return the first path and those of further searches, with regard to the price and without."""
+        """Return the first path and paths of further searches, with and without the price."""
         problem, found = self._problem.search_problem, [first]
         for seed in range(self._seed, self._seed + SEARCHES):
             options: dict[str, Any] = {"seed": seed, "max_iterations": MOST_ITERATIONS}
@@ -203,7 +206,7 @@ class _CheapSearch:
                 )
             if self._left > _LITTLE and seed > self._seed:
                 others = self._path(planners.rrt_connect(problem, timeout=self._left, **options))
-                # In the open all searches end with the same straight edge.
+                # Without obstacles all searches end with the same straight edge.
                 found += [one for one in others if not np.array_equal(one.points, first.points)]
         return found
 
@@ -218,7 +221,7 @@ class _CheapSearch:
         )  # fmt: skip
 
     def _waypoints(self, path: planners.Path) -> Array | None:
-        """Return the fewest way-points whose spline is clear and costs what the path does; None without."""
+        """Return the fewest way-points whose spline is clear and costs little more than the path, or None."""
         allowed, best = _CLOSE * self._price.along(path), None
         for segments in _PIECES:
             points = self._problem.embed(path(np.linspace(0.0, path.length, segments + 1)))
@@ -230,7 +233,7 @@ class _CheapSearch:
 
 
 def figures_of(problem: PathProblem, costs: PathCosts, points: Array) -> PathFigures:
-    """Return length and costs of the spline through way-points, shape (m, n)."""
+    """Return length and costs of the spline through way-points [rad or m], shape (m, n)."""
     weights = np.zeros(problem.start.size)
     weights[problem.free] = problem.metric.weights
     return costs.figures(as_cubic_path(problem.checks.pepper, points), weights)

@@ -18,19 +18,19 @@ from pepper_kin.model.joint_vectors import as_finite
 
 interpolate = lazy_module("scipy.interpolate")
 
-_SMOOTH = 1e-6  # [rad] a corner that turns less is none
-_SAME = 1e-9  # [m]
-_CELLS = 64  # of the table of arc length, for each polynomial
-_MOST_OF_CURVE = 0.5  # of a curve's length that a blend at one of its ends may take
+_SMOOTH = 1e-6  # difference of directions up to which there is no corner [rad]
+_SAME = 1e-9  # distance up to which two points are equal [m]
+_CELLS = 64  # number of cells of the arc-length table, for each polynomial
+_MOST_OF_CURVE = 0.5  # maximum length of a blend, relative to each curve that it joins
 
 
 class HandCurve(FrozenArrays, ABC):
-    """One piece of the way of a hand; it begins where the piece before ends.
+    """A curve of a hand's route; it begins where the previous curve ends.
 
     Attributes:
-        blend: Distance from its end [m] at which the way leaves it for the next piece, which is joined at
-            the same distance from its begin, with continuous direction and curvature; 0 for none, where the
-            hand stops at the corner, if there is one.
+        blend: Distance from the curve's end [m] at which the route leaves the curve; it joins the next curve
+            at the same distance from its beginning, with continuous direction and curvature.  0 for no blend:
+            the hand stops if there is a corner.
     """
 
     blend: float
@@ -42,12 +42,12 @@ class HandCurve(FrozenArrays, ABC):
 
 @dataclass(frozen=True, eq=False)
 class PlacedCurve:
-    """A curve with its beginning, a line in this class.
+    """A curve with a given first point, a line in this class.
 
     Attributes:
-        begin: Where it begins [m], shape (3,).
-        length: Its length [m].
-        end: Where it ends [m], shape (3,).
+        begin: First point [m], shape (3,).
+        length: Length of the curve [m].
+        end: Last point [m], shape (3,).
     """
 
     begin: Array
@@ -55,7 +55,7 @@ class PlacedCurve:
     end: Array
 
     def at(self, distance: ArrayLike, derivative: int = 0) -> Array:
-        """Return the points at distances along the curve [m], shape (..., 3), or a derivative by it, to 2."""
+        """Return points [m], shape (..., 3), at distances along the curve [m], or a derivative, up to 2."""
         along = np.asarray(distance, dtype=float)[..., None]
         direction = (self.end - self.begin) / (self.length or 1.0)
         if derivative == 0:
@@ -65,18 +65,18 @@ class PlacedCurve:
 
 @dataclass(frozen=True, eq=False)
 class PlacedArc(PlacedCurve):
-    """A circular arc with its beginning.
+    """A circular arc with a given first point.
 
     Attributes:
-        center: A point on its axis [m], shape (3,).
-        axis: Unit vector about which it turns, shape (3,).
+        center: A point on the axis [m], shape (3,).
+        axis: Axis of rotation, a unit vector, shape (3,).
     """
 
     center: Array
     axis: Array
 
     def at(self, distance: ArrayLike, derivative: int = 0) -> Array:
-        """Return points or derivatives, as for a line."""
+        """Return points [m] or derivatives, shape (..., 3), at distances along the curve [m]."""
         radius = self.begin - self.center
         along = (radius @ self.axis) * self.axis
         across = radius - along
@@ -87,10 +87,10 @@ class PlacedArc(PlacedCurve):
 
 
 class PlacedPolynomial(PlacedCurve):
-    """A polynomial curve, by arc length from a table.
+    """A polynomial curve, parametrized by arc length with a table.
 
     Args:
-        curve: The points as a polynomial of a parameter u, BPoly or a spline of SciPy, of shape (3,).
+        curve: Points as a polynomial of a parameter u, a BPoly or spline of SciPy with values of shape (3,).
     """
 
     def __init__(self, curve: Any) -> None:
@@ -106,7 +106,7 @@ class PlacedPolynomial(PlacedCurve):
         object.__setattr__(self, "_curves", (curve, slope, slope.derivative(), parameter))
 
     def at(self, distance: ArrayLike, derivative: int = 0) -> Array:
-        """Return points or derivatives, as for a line."""
+        """Return points [m] or derivatives, shape (..., 3), at distances along the curve [m]."""
         curve, slope, bend, parameter = vars(self)["_curves"]
         u = parameter(distance)
         if derivative == 0:
@@ -121,11 +121,11 @@ class PlacedPolynomial(PlacedCurve):
 
 @dataclass(frozen=True, eq=False)
 class PartOfCurve(PlacedCurve):
-    """A part of a curve: the rest where blends take its ends.
+    """A part of a curve, without the ends that blends replace.
 
     Attributes:
-        whole: The curve.
-        cut: How much of its begin is missing [m].
+        whole: The whole curve.
+        cut: Length that is cut off at the beginning [m].
     """
 
     whole: PlacedCurve
@@ -133,14 +133,14 @@ class PartOfCurve(PlacedCurve):
 
     @classmethod
     def of(cls, whole: PlacedCurve, begin: float, end: float) -> PlacedCurve:
-        """Return a curve without lengths of its begin and its end [m]."""
+        """Return a curve without a length at its beginning and a length at its end [m]."""
         if not (begin or end):
             return whole
         length = whole.length - begin - end
         return cls(whole.at(begin), length, whole.at(begin + length), whole, begin)
 
     def at(self, distance: ArrayLike, derivative: int = 0) -> Array:
-        """Return points or derivatives, as for a line."""
+        """Return points [m] or derivatives, shape (..., 3), at distances along the curve [m]."""
         return self.whole.at(np.asarray(distance, dtype=float) + self.cut, derivative)
 
 
@@ -149,9 +149,9 @@ class Line(HandCurve):
     """A straight line, also under the name `LIN`.
 
     Attributes:
-        to: Where it ends in the world, or with `relative` how far from its beginning [m], shape (3,).
-        relative: Whether `to` is a difference.
-        blend: See `HandCurve` [m].
+        to: End point in the world, or with `relative` its offset from the beginning [m], shape (3,).
+        relative: Whether `to` is an offset.
+        blend: Distance from the end at which the route leaves for the next curve [m], see `HandCurve`.
     """
 
     to: Array
@@ -159,7 +159,7 @@ class Line(HandCurve):
     blend: float = field(default=0.0, kw_only=True)
 
     def __post_init__(self) -> None:
-        """Check and copy.
+        """Check and copy the fields.
 
         Raises:
             InvalidValueError: for a point of wrong shape, or with NaN or infinity, or a negative blend.
@@ -168,7 +168,7 @@ class Line(HandCurve):
         _check_blend(self)
 
     def placed(self, begin: Array) -> PlacedCurve:
-        """Return the line from a point [m], shape (3,)."""
+        """Return the line that begins at a point [m], shape (3,)."""
         end = begin + self.to if self.relative else self.to
         return PlacedCurve(begin, float(np.linalg.norm(end - begin)), end)
 
@@ -180,8 +180,8 @@ class Arc(HandCurve):
     Attributes:
         center: A point on the axis, in the world [m], shape (3,).
         axis: Direction of the axis, shape (3,), of any length but zero.
-        angle: How far to turn, counter-clockwise seen from the tip of the axis [rad].
-        blend: See `HandCurve` [m].
+        angle: Angle of rotation, counter-clockwise seen from the tip of the axis [rad].
+        blend: Distance from the end at which the route leaves for the next curve [m], see `HandCurve`.
     """
 
     center: Array
@@ -190,7 +190,7 @@ class Arc(HandCurve):
     blend: float = field(default=0.0, kw_only=True)
 
     def __post_init__(self) -> None:
-        """Check and copy.
+        """Check and copy the fields.
 
         Raises:
             InvalidValueError: for a vector of wrong shape, with NaN or infinity, an axis of no length, or a
@@ -206,7 +206,7 @@ class Arc(HandCurve):
         object.__setattr__(self, "angle", float(as_finite(self.angle, "angle", ())))
 
     def placed(self, begin: Array) -> PlacedCurve:
-        """Return the arc from a point [m], shape (3,); of no length where the point is on the axis."""
+        """Return the arc that begins at a point [m], shape (3,), of length 0 for a point on the axis."""
         axis = self.axis if self.angle >= 0 else -self.axis
         across = begin - self.center - ((begin - self.center) @ axis) * axis
         length = abs(self.angle) * float(np.linalg.norm(across))
@@ -218,13 +218,14 @@ class Arc(HandCurve):
 
 @dataclass(frozen=True, eq=False)
 class CIRC(HandCurve):
-    """A circular arc through a point to another.
+    """A circular arc through one point to another.
 
     Attributes:
-        via: A point between, not on the line from begin to end [m], shape (3,).
-        to: Where it ends in the world [m], shape (3,); for a whole circle where it begins, `via` opposite.
-        normal: About which a whole circle turns, shape (3,): needed there, and only there.
-        blend: See `HandCurve` [m].
+        via: Intermediate point in the world, not on the line from beginning to end [m], shape (3,).
+        to: End point in the world [m], shape (3,); for a full circle the first point, with `via` opposite to
+            it.
+        normal: Axis of a full circle, shape (3,); required there, and only there.
+        blend: Distance from the end at which the route leaves for the next curve [m], see `HandCurve`.
     """
 
     via: Array
@@ -233,7 +234,7 @@ class CIRC(HandCurve):
     blend: float = field(default=0.0, kw_only=True)
 
     def __post_init__(self) -> None:
-        """Check and copy.
+        """Check and copy the fields.
 
         Raises:
             InvalidValueError: for a point of wrong shape, or with NaN or infinity, or a negative blend.
@@ -246,7 +247,7 @@ class CIRC(HandCurve):
         """Return the arc from a point [m], shape (3,).
 
         Raises:
-            InvalidValueError: for points on a line, or a whole circle without `normal`.
+            InvalidValueError: for points on a line, or a full circle without `normal`.
         """
         first, second = self.via - begin, self.to - begin
         if np.linalg.norm(second) < 1e-9:
@@ -269,15 +270,15 @@ class SPLINE(HandCurve):
     """A cubic spline through points, with continuous curvature.
 
     Attributes:
-        through: The points after its beginning [m], shape (k, 3).
-        blend: See `HandCurve` [m].
+        through: Points after the beginning, in the world [m], shape (k, 3).
+        blend: Distance from the end at which the route leaves for the next curve [m], see `HandCurve`.
     """
 
     through: Array
     blend: float = field(default=0.0, kw_only=True)
 
     def __post_init__(self) -> None:
-        """Check and copy.
+        """Check and copy the fields.
 
         Raises:
             InvalidValueError: for points of wrong shape, or with NaN or infinity, or a negative blend.
@@ -286,10 +287,10 @@ class SPLINE(HandCurve):
         _check_blend(self)
 
     def placed(self, begin: Array) -> PlacedCurve:
-        """Return the spline from a point [m], shape (3,), over the chord length.
+        """Return the spline that begins at a point [m], shape (3,), with chord-length parameters.
 
         Raises:
-            InvalidValueError: for successive points that are equal, or none.
+            InvalidValueError: for equal successive points, or no point.
         """
         points = np.concatenate([begin[None], self.through])
         chords = np.linalg.norm(np.diff(points, axis=0), axis=1)
@@ -299,7 +300,7 @@ class SPLINE(HandCurve):
 
 
 LIN = Line
-"""`Line`, by its name among commands of industrial robots."""
+"""`Line`, by its name in the languages of industrial robots."""
 
 
 def _check_blend(curve: HandCurve) -> None:
@@ -312,7 +313,8 @@ def _check_blend(curve: HandCurve) -> None:
 def _blended(before: PlacedCurve, after: PlacedCurve, blend: float) -> PlacedPolynomial:
     """Return the curve of degree 5 from `blend` before the end of a curve to `blend` [m] into the next.
 
-    Its derivatives by its own parameter at the ends are those by arc length, over a length of 2 blends.
+    At its ends, its first two derivatives are those of the curves by arc length, with a parameter range of 2
+    blends.
     """
     span = 2 * blend
     places = (before, before.length - blend), (after, blend)
@@ -326,10 +328,10 @@ class Route:
 
     Attributes:
         curves: The curves in order, blends among them.
-        begins: Length before each curve [m], shape (k,).
-        length: Length of all [m].
-        corners: Distances [m] at which the direction jumps, shape (m,); 0 where it does from end to begin.
-        closed: Whether it ends where it begins.
+        begins: Length of the route before each curve [m], shape (k,).
+        length: Length of the route [m].
+        corners: Distances at which the direction jumps [m], shape (m,); 0 if it jumps from end to beginning.
+        closed: Whether the route ends where it begins.
     """
 
     curves: tuple[PlacedCurve, ...]
@@ -343,8 +345,8 @@ class Route:
         """Return the route from a point [m], shape (3,).
 
         Raises:
-            InvalidValueError: for something else than curves, none, or a blend longer than half of one of the
-                two curves that it joins.
+            InvalidValueError: for an item that is not a curve, no curve, or a blend longer than half of one
+                of the two curves that it joins.
         """
         items = (curves,) if isinstance(curves, HandCurve) else tuple(curves)
         if not items or not all(isinstance(curve, HandCurve) for curve in items):
@@ -376,7 +378,7 @@ class Route:
         return cls(tuple(parts), ends[:-1], float(ends[-1]), np.array(corners), closed)
 
     def stops(self, step: float) -> Array:
-        """Return distances from 0 to the length, at most `step` apart, every curve's end among them [m]."""
+        """Return distances from 0 to the length, at most `step` apart and including every curve's end [m]."""
         parts = [np.zeros(1)]
         for begin, curve in zip(self.begins, self.curves, strict=True):
             count = max(1, math.ceil(curve.length / step - 1e-9)) if curve.length else 0

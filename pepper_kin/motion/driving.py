@@ -1,4 +1,4 @@
-"""Paths of a robot whose base goes where it points: curves of a car for the base, the rest held meanwhile."""
+"""Paths of a robot with a differential base: car-like curves of the base, with the body held meanwhile."""
 
 from __future__ import annotations
 
@@ -27,29 +27,30 @@ from pepper_kin.planners.compiled import power_basis
 from pepper_kin.trajectory.path import CubicPath
 
 SPACINGS = (0.2, 0.1, 0.05)
-"""Distances of a spline's control points along a drive, in turning radii, to be tried in turn."""
+"""Distances of a spline's control points along a drive, relative to the turning radius, tried in turn."""
 _WIDER = 1.01
-"""The radius of the curves over the turning radius: a spline of that spacing is narrower by 0.7 %."""
-_LEAST_PIECES = 4  # of a drive between two stops
+"""Radius of the planned curves over the turning radius: the spline's radius is 0.7 % smaller than planned."""
+_LEAST_PIECES = 4  # minimum number of pieces of a drive between two stops
 _SAME = 1e-9
 _NO_LEGS = "No goal can be driven to with the body held as at an end or in a named posture."
 _NO_SPLINE = "A path was found, but no spline along it keeps clear."
 
 
 _Outcome: TypeAlias = Callable[[], tuple[PlanStatus, str]]
-"""Status and message of a search, on request: to find what was in its way takes longer than many searches."""
+"""Status and message of a search, computed on request: finding the obstruction can take longer than a
+search."""
 _Curve: TypeAlias = tuple[CubicPath | None, int, _Outcome]
 
 
 def plan_drive(request: CheckedRequest, ends: Ends) -> Plan:
-    """Plan to goals that the base has to drive to: with the body held, which moves before, after, or both.
+    """Plan to goals that need a drive of the base, with the body held; it moves before, after, or both.
 
-    It is held as at the start, as at the goal, at zero, or in a posture that the robot has a name for, the
-    first of these that is free at both ends and all along the drive.
+    The body is held as at the start, as at the goal, in the neutral position, or in a named posture: the
+    first of them that is free at both ends and along the whole drive.
 
     Args:
-        request: What was asked for.
-        ends: Where it starts, and goals that are valid, the best first.
+        request: The checked request.
+        ends: Start and valid goals, the best first.
     """
     checks, ended, start, free = request.checks, request.ended, ends.start, ends.free
     base, checked = base_places(checks.pepper), 0
@@ -63,11 +64,11 @@ def plan_drive(request: CheckedRequest, ends: Ends) -> Plan:
                 reason = reason or _blocked(checks, held[0])
                 continue
             curves: list[CubicPath] = []
-            shift = np.zeros_like(start)  # of the yaw: full turns that the drive has made
+            shift = np.zeros_like(start)  # offset of the yaw by full turns that the drive has made
             gave = ""
             for begin, end in legs:
                 left = request.deadline - working_time()
-                left = max(left if way == len(bodies) - 1 else left / 2, 1e-3)  # others need time as well
+                left = max(left if way == len(bodies) - 1 else left / 2, 1e-3)  # others need time, too
                 curve, states, outcome = _Leg(request, begin + shift, end + shift, base, free).curve(left)
                 checked += states
                 if curve is None:
@@ -94,14 +95,14 @@ def _blocked(checks: Checks, q: Array) -> str:
 def _held(
     checks: Checks, start: Array, goal: Array, base: NDArray[np.int64], free: NDArray[np.int64]
 ) -> list[Array]:
-    """Return the configurations, shape (n,) each, whose bodies may be held along a drive, each body once.
+    """Return configurations [rad or m], shape (n,) each, whose body posture may be held, each posture once.
 
     Args:
         checks: The robot in its scene.
         start: Start configuration [rad or m], shape (n,).
         goal: Goal configuration [rad or m], shape (n,).
-        base: Places of the base's joints, shape (3,).
-        free: Places of the joints that move, shape (k,).
+        base: Indices of the base's joints, shape (3,).
+        free: Indices of the joints that move, shape (k,).
     """
     pepper, body = checks.pepper, np.setdiff1d(free, base)
     held = [start, goal]
@@ -117,13 +118,13 @@ def _held(
 
 
 def _legs(start: Array, goal: Array, base: NDArray[np.int64], held: Array) -> list[tuple[Array, Array]]:
-    """Return ends of the body's motion, of a drive with it held, and of its motion then, if any.
+    """Return the ends of up to three legs: a motion of the body, a drive, and another motion of the body.
 
     Args:
         start: Start configuration [rad or m], shape (n,).
         goal: Goal configuration [rad or m], shape (n,).
-        base: Places of the base's joints, shape (3,).
-        held: A configuration with the body as it is held [rad or m], shape (n,).
+        base: Indices of the base's joints, shape (3,).
+        held: A configuration with the body posture that is held [rad or m], shape (n,).
     """
     before, after = held.copy(), held.copy()
     before[base], after[base] = start[base], goal[base]
@@ -132,7 +133,7 @@ def _legs(start: Array, goal: Array, base: NDArray[np.int64], held: Array) -> li
 
 
 def _leg_words(legs: list[tuple[Array, Array]], base: NDArray[np.int64]) -> str:
-    """Return what ends of legs, shape (n,) each, say of the body; base: places of its joints, shape (3,)."""
+    """Return words on when the body moves, from the ends of legs, shape (n,) each, and the base's indices."""
     if len(legs) == 1:
         return " with the body held"
     if len(legs) == 3:
@@ -142,18 +143,18 @@ def _leg_words(legs: list[tuple[Array, Array]], base: NDArray[np.int64]) -> str:
 
 
 def _end(path: CubicPath) -> Array:
-    """Return the end of a curve, shape (n,)."""
+    """Return the last configuration of a curve [rad or m], shape (n,)."""
     return path.at(len(path.breaks) - 2, path.breaks[-1] - path.breaks[-2])
 
 
 def _length(path: CubicPath, base: NDArray[np.int64]) -> float:
-    """Return the length of a curve in the plane [m]; base: places of x, y and yaw, shape (3,)."""
+    """Return the length of a curve in the plane [m]; `base` are the indices of x, y and yaw, shape (3,)."""
     ends = np.vstack([path.coefficients[:, 0], _end(path)])[:, base[:2]]
     return float(np.linalg.norm(np.diff(ends, axis=0), axis=1).sum())
 
 
 class _Leg(NamedTuple):
-    """A drive with the body held, or a motion of the body with the base held; as `plan_drive` says."""
+    """A leg: a drive with the body held, or a motion of the body with the base held."""
 
     request: CheckedRequest
     begin: Array
@@ -162,7 +163,7 @@ class _Leg(NamedTuple):
     free: NDArray[np.int64]
 
     def curve(self, timeout: float) -> _Curve:
-        """Return the curve, or None; the number of states asked about; and status and message, on request."""
+        """Return the curve, or None; the number of states checked; and a function for status and message."""
         drives = np.abs(self.begin - self.end)[self.base].max() > _SAME
         moving = self.base if drives else np.setdiff1d(self.free, self.base)
         began, states = working_time(), 0
@@ -176,7 +177,7 @@ class _Leg(NamedTuple):
         return None, states, outcome
 
     def _moved(self, problem: PathProblem, timeout: float) -> _Curve:
-        """Return the body's motion with the base held."""
+        """Search the body's motion with the base held; return as `curve` does."""
         problem = problem.finer()
         result = planners.rrt_connect(problem.search_problem, seed=self.request.seed, timeout=timeout)
         if result.path is None:
@@ -187,7 +188,7 @@ class _Leg(NamedTuple):
         return way.curve, result.states_checked, _solved
 
     def _driven(self, problem: PathProblem, timeout: float) -> _Curve:
-        """Return the base's drive with the body held."""
+        """Search the base's drive with the body held; return as `curve` does."""
         wheels, checked = self.request.checks.pepper.wheels, 0
         assert wheels is not None
         for closer in (problem, problem.finer()):
@@ -211,15 +212,16 @@ def _solved(words: str = "") -> tuple[PlanStatus, str]:
 
 
 def _no_spline(problem: PathProblem, found: planners.Path | planners.CarCurve) -> tuple[PlanStatus, str]:
-    """Say that a path was found, and where it is narrowest."""
+    """Return status and message if a path was found but no spline, with the narrowest place."""
     return PlanStatus.NO_PATH_IN_TIME, _NO_SPLINE + narrowest(problem, found)
 
 
 def _driven(problem: PathProblem, curve: planners.CarCurve, wheels: Wheels, spacing: float) -> CubicPath:
-    """Return a curve along that of a car; it has a kink, where timing stops, where the car turns back.
+    """Return a cubic curve along a car's curve, with a kink, where timing stops, wherever the car reverses.
 
-    Between kinks it is the cubic B-spline whose control points are poses of the car, so that it never bends
-    more than they do, and heading and direction agree up to the third order of the spacing.
+    Between kinks it is the cubic B-spline whose control points are poses of the car.  Its curvature never
+    exceeds the control polygon's, and heading and direction of motion agree up to the third order of the
+    spacing.
     """
     ends = np.cumsum([0.0, *np.abs(curve.lengths)])
     turns_back = np.flatnonzero(np.diff(np.sign(curve.lengths))) + 1
@@ -234,7 +236,7 @@ def _driven(problem: PathProblem, curve: planners.CarCurve, wheels: Wheels, spac
         control = np.tile(problem.start, (count + 3, 1))
         control[:, problem.free] = drive((knots[1:-3] + knots[2:-2] + knots[3:-1]) / 3.0)
         if drive is drives[-1]:
-            goal = problem.search_problem.goals[0].copy()  # met to the last bit, except for full turns
+            goal = problem.search_problem.goals[0].copy()  # met exactly, except for full turns
             goal[2] += 2.0 * math.pi * round((control[-1, problem.free[2]] - goal[2]) / (2.0 * math.pi))
             control[-1, problem.free] = goal
         coefficients = np.empty((count, 4, control.shape[1]))
@@ -244,7 +246,7 @@ def _driven(problem: PathProblem, curve: planners.CarCurve, wheels: Wheels, spac
 
 
 def _in_turn(curves: list[CubicPath]) -> CubicPath:
-    """Return curves, each of which begins where the one before ends, as one; timing stops at its kinks."""
+    """Join curves, each of which begins where the previous one ends; timing stops at kinks."""
     breaks = [np.zeros(1)]
     for curve in curves:
         breaks.append(breaks[-1][-1] + (curve.breaks[1:] - curve.breaks[0]))

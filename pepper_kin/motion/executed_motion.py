@@ -1,4 +1,4 @@
-"""The motion that the cycles of a live motion sent, as one trajectory."""
+"""The motion that a live motion commanded in its cycles, as one trajectory."""
 
 from __future__ import annotations
 
@@ -14,17 +14,18 @@ from pepper_kin.trajectory.trajectory import Trajectory
 
 
 def executed(states: Iterable[LiveState]) -> Trajectory:
-    """Return what the cycles of one live motion sent, from the first cycle to rest, as one trajectory.
+    """Return the commanded motion of all cycles of one live motion, until rest, as one trajectory.
 
-    It is q(t) = states[k].at(begin_0 + t), where k is the newest cycle: each until the next one began, the
-    last to its end.  Where a cycle came late, the robot stands where the stop of the one before ended.
-    `executed(states).check(pepper, scene).report()` is the certificate of the whole motion.
+    It is q(t) = states[k].at(begin_0 + t), where k is the newest cycle at that time: each cycle counts until
+    the next one begins, the last one to its end.  If a cycle came late, the robot rests at the end of the
+    previous cycle's stop.  `executed(states).check(pepper, scene).report()` is the certificate of the whole
+    motion.
 
     Args:
-        states: What `LiveMotion.step` returned, all of them, in order.
+        states: All states that `LiveMotion.step` returned, in order.
 
     Raises:
-        InvalidValueError: for no states, or where one does not go on from the one before.
+        InvalidValueError: for no states, or if a state does not continue the previous one.
     """
     cycles = list(states)
     if not cycles or not all(isinstance(state, LiveState) for state in cycles):
@@ -40,7 +41,7 @@ def executed(states: Iterable[LiveState]) -> Trajectory:
 
 
 def _until(sent: Trajectory, lasts: float) -> Trajectory:
-    """Return what was sent until a time [s], which rests where it has ended before."""
+    """Return a trajectory until a time [s], extended by rest if it ends earlier."""
     if lasts <= sent.duration:
         return sent.between(0.0, lasts)
     rest = Trajectory(
@@ -50,7 +51,7 @@ def _until(sent: Trajectory, lasts: float) -> Trajectory:
 
 
 def _in_one(pieces: list[Trajectory]) -> Trajectory:
-    """Return pieces one after the other, two and two: each is copied as often as the number has digits."""
+    """Join pieces pairwise, so that each is copied only about log2 of their number times."""
     while len(pieces) > 1:
         pairs = [first.then(second) for first, second in zip(pieces[::2], pieces[1::2], strict=False)]
         pieces = pairs + pieces[2 * len(pairs) :]

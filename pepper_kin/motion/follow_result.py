@@ -1,4 +1,4 @@
-"""The result of following a path of tasks: a motion, or the reason."""
+"""Result of following a path of tasks: a motion, or the reason why there is none."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pepper_kin.trajectory.path import CubicPath
 
 
 class FollowStatus(ResultStatus):
-    """How following ended."""
+    """Status of following a path of tasks."""
 
     DONE = "done", "Execute `trajectory`."
     START_INVALID = "start_invalid", "Start from a posture of `ik.solve` with the tasks at 0, or from None."
@@ -31,17 +31,20 @@ class Followed(BriefRepr):
     """A motion along a path of tasks, or why there is none.
 
     Attributes:
-        status: How it ended.
+        status: Status of the result.
         message: What happened, in a sentence with place, joint and numbers.
-        trajectory: The motion; None where there is none.
-        curve: Joint positions over the path's parameter, before timing; None where there are none.
+        trajectory: The motion; None if there is none.
+        curve: Joint positions over the path's parameter, before timing; None if there are none.
         tasks: Names of the tasks.
-        errors: Greatest error of each task along the curve [m or rad], shape (tasks,), recomputed.
-        relaxed: Names of tasks that were given up for those before them: they are met as well as can be.
-        slowest: Least speed, as a share of the one asked for, between the places where it is first and last
-            reached on a stretch from rest to rest; 1.0 where none was asked for, or a stretch is too short.
-        reached: How much of the way can be followed, 0 to 1; all of it at less speed where that is too fast.
-        aside: Joints that no task moves and that go out of the way, such as "HeadYaw by 0.12 rad".
+        errors: Largest error of each task along the curve [m or rad], shape (tasks,), recomputed.
+        relaxed: Names of tasks that were relaxed in favor of tasks before them; they are met as closely as
+            possible.
+        slowest: Minimum speed, relative to the requested one, between the points where that speed is first
+            and last reached on each segment from rest to rest; 1.0 if no speed was requested, or a segment is
+            too short.
+        reached: Fraction of the path that can be followed, 0 to 1; 1 for TOO_FAST, where a lower speed
+            suffices.
+        aside: Joints that no task moves but that move to avoid collisions, such as "HeadYaw by 0.12 rad".
         time: Wall time [s].
     """
 
@@ -64,7 +67,7 @@ class Followed(BriefRepr):
 
     @property
     def advice(self) -> str:
-        """What to try, in a sentence."""
+        """Advice on what to try, as a sentence."""
         return self.status.advice
 
     def report(self) -> str:
@@ -76,20 +79,20 @@ class Followed(BriefRepr):
 
 
 def words_for_aside(aside: Iterable[str]) -> str:
-    """Return a sentence on `Followed.aside`, after a blank; empty where all joints rest."""
+    """Return a sentence on `Followed.aside` with a leading blank; empty if there are no such joints."""
     named = ", ".join(aside)
     return f" No task moves {named}: out of the way." if named else ""
 
 
 class NotFollowedError(Exception):
-    """Why a path is not followed.
+    """The reason why a path cannot be followed.
 
     Attributes:
-        status: How it ended.
-        message: Why, in a sentence.
-        reached: Where on the way that is, 0 to 1.
-        postures: Postures at nodes up to there, shape (k, n); None without.
-        joint: The joint that is too fast; None without.
+        status: Status of the result.
+        message: The reason, in a sentence.
+        reached: Fraction of the path before the failure, 0 to 1.
+        postures: Joint positions at nodes up to the failure [rad or m], shape (k, n); None if unknown.
+        joint: Index of the joint that is too fast; None for other reasons.
     """
 
     def __init__(
@@ -102,6 +105,6 @@ class NotFollowedError(Exception):
 
     @property
     def result(self) -> Followed:
-        """The result that says so."""
+        """The result with this status and reason."""
         reached = 1.0 if self.status is FollowStatus.TOO_FAST else self.reached
         return Followed(self.status, self.message, reached=reached)

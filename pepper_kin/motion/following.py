@@ -1,4 +1,4 @@
-"""Tasks along a whole path: a hand along curves at a set speed, while gaze and other hand do theirs."""
+"""Tasks along a whole path: a hand along curves at a given speed, with other tasks at the same time."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from pepper_kin.motion.whole_path import WholePath
 from pepper_kin.trajectory.limits import motion_limits
 
 _OF_LIMITS = ("velocity_scale", "acceleration_scale", "torque_scale", "torque", "balance", "payload")
-_OTHERS = 3  # weights that are tried where the same for all joints are of no use
+_OTHERS = 3  # number of random sets of joint weights tried if equal weights fail
 _FINAL = (FollowStatus.START_INVALID, FollowStatus.OUT_OF_REACH)
 _OF_RETIME = (*_OF_LIMITS, "gridpoints")
 
@@ -56,42 +56,43 @@ def follow(
     timeout: float = 2.0,
     **limits: Any,
 ) -> Followed:
-    """Follow tasks along a whole path with the least accelerations, at a set speed.
+    """Follow tasks along a whole path with minimum accelerations, at a given speed.
 
-    Joint positions at nodes of the path are one problem, see `pepper_kin.motion.least_acceleration`: tasks
-    are equations at every node, the rest of the body accelerates as little as it can, and nodes are added
-    until the tasks are met between them.  The curve is proven to touch nothing, and timed by `retime`: from
-    rest to rest, with the ramps that limits allow, and at `speed` between.  The motion stops at corners.
-    Closed routes end in the posture in which they begin.  Joints that no task moves rest, as far as nothing
-    touches; the message names those that go out of the way.
+    Joint positions at all nodes of the path are one optimization problem, see
+    `pepper_kin.motion.least_acceleration`: tasks are equations at every node, the accelerations of all joints
+    are minimized, and nodes are added until the tasks are met between them.  The curve is proven to touch
+    nothing, and timed by `retime`: from rest to rest, with ramps within the limits, and at `speed` between.
+    The motion stops at corners.  Closed routes end in the posture in which they begin.  Joints that no task
+    moves rest unless they have to avoid collisions; the message names those that move.
 
     Args:
         pepper: The robot.
-        start: Joint positions to start from [rad or m], shape (n,), which meet the tasks there; None: the one
-            of several such postures from which the whole way is possible.
-        tasks: "left" or "right": that hand's position along the curves.  Or a function of values of the
-            parameter, shape (K,), that returns IK tasks with K targets each, or one for all, such as
+        start: Initial joint positions [rad or m], shape (n,), which meet the tasks at the path's beginning;
+            None: one of several such postures, from which the whole path is possible.
+        tasks: "left" or "right" for the position of that hand along the curves, or a function of values of
+            the parameter, shape (K,), that returns IK tasks with K targets each, or one for all, such as
             `lambda s: [HandPosition("left", route(s)), LookAt(route(s))]`.  Tasks with an infinite tolerance
-            are preferences.  Where not all others can be met, the last that is not hard is relaxed, then the
-            one before it.
-        over: Curves of the hand from where it is at the start; or a `Route`, whose parameter is its length
-            [m]; or the greatest value of a parameter that begins at 0.
-        speed: Speed along the path [m/s], or of the parameter [1/s]; None: as fast as limits allow.
-        ramps: Whether the motion begins and ends at rest.  If not, it begins and ends at `speed`, as tasks
-            that are functions of time [s] may ask for, with a speed of 1.0.
-        laps: How often to go around a closed route.
+            are preferences.  If not all other tasks can be met, the last one that is not hard is relaxed,
+            then the one before it.
+        over: Curves of the hand from its position at the start; or a `Route`, whose parameter is its length
+            [m]; or the maximum value of a parameter that begins at 0.
+        speed: Speed along the path [m/s], or rate of the parameter [1/s]; None: as fast as limits allow.
+        ramps: Whether the motion begins and ends at rest.  If not, it begins and ends at `speed`; tasks that
+            are functions of time [s] may need that, with a speed of 1.0.
+        laps: Number of rounds on a closed route.
         joints: Joints that may move, by names of joints and groups; None for all.
-        scene: The world around the robot, without obstacles that move; itself is always looked at.
+        scene: The world around the robot, without moving obstacles; collisions of the robot with itself are
+            always checked.
         margin: Distance to keep to the scene [m].
-        timeout: Time after which no other starts and weights of the joints' accelerations are tried [s].
-        limits: `velocity_scale`, `acceleration_scale`, `torque_scale`, `torque`, `balance`, `payload` and
-            `gridpoints`, as `retime` takes them.
+        timeout: Time after which no further starts and weights of the joints' accelerations are tried [s].
+        limits: Options `velocity_scale`, `acceleration_scale`, `torque_scale`, `torque`, `balance`, `payload`
+            and `gridpoints`, as `retime` takes them.
 
     Returns:
         The motion, or the reason.
 
     Raises:
-        InvalidValueError: for NaN, no curve, tasks of other lengths than asked, or options out of range.
+        InvalidValueError: for NaN, no curve, tasks with a wrong number of targets, or options out of range.
         UnknownNameError: for an unknown hand, joint or group.
         LimitError: for a start outside the joint limits.
     """
@@ -146,7 +147,7 @@ def follow(
 
 
 def _weights(n: int) -> Iterator[Array]:
-    """Yield weights of the joints, shape (n,): all the same, then others at random, always the same."""
+    """Yield weights of the joints, shape (n,): equal ones, then random ones with a fixed seed."""
     yield np.ones(n)
     drawn = np.random.default_rng(0)
     for _ in range(_OTHERS):
@@ -160,7 +161,7 @@ def _checked_start(pepper: PepperModel, start: ArrayLike) -> Array:
 
 
 def _route_of(pepper: PepperModel, hand: str, start: Array | None, curves: Any) -> Route:
-    """Return the route along curves from where a hand is."""
+    """Return the route along curves from the hand's position at joint positions `start`."""
     frame = ik.HandPosition(hand, np.zeros(3)).frame or ""
     if start is None:
         raise InvalidValueError("start", "None", "joint positions, or a Route: curves begin at the hand")

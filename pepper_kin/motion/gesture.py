@@ -1,4 +1,4 @@
-"""Authored gestures, timed so that the robot can make them."""
+"""Authored gestures, timed within the robot's limits."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ SIDES = ("right", "left")
 LARGEST_AMPLITUDE = 1.25
 TEMPOS = (0.25, 4.0)
 _REST = "Stand"
-_SAME = 1e-6  # [rad] off that posture, where a gesture begins
-# Joints that mean the same in a mirror; all others change sign.
+_SAME = 1e-6  # largest distance of the start from that posture [rad]
+# Joints whose sign stays the same when mirrored; all others change sign.
 _STRAIGHT = ("KneePitch", "HipPitch", "HeadPitch", "LShoulderPitch", "RShoulderPitch")
 
 
 def gesture_names() -> tuple[str, ...]:
-    """Return the names that `gesture` knows, in the library's order."""
+    """Return the names of all gestures, in the library's order."""
     return tuple(SCORES)
 
 
 def gesture_meaning(name: str) -> str:
-    """Return what a gesture looks like, in a few words.
+    """Return a short description of a gesture.
 
     Raises:
         UnknownNameError: for another name.
@@ -56,29 +56,30 @@ def gesture(
 ) -> Trajectory:
     """Return a gesture of the library, from the posture Stand and back to it.
 
-    The keys of each joint are joined by a monotone cubic (PCHIP: no overshoot between keys), and the whole is
-    rounded, and slowed down where limits ask for it, by `pepper_kin.trajectory.enforce_limits`.
+    The keys of each joint are joined by a monotone cubic (PCHIP: no overshoot between keys); the motion is
+    smoothed, and slowed down where limits require it, by `pepper_kin.trajectory.enforce_limits`.
 
     Args:
         pepper: Pepper, with any base and any hands; joints that the gesture does not name rest.
-        name: One of `gesture_names()`.
-        side: "right" or "left": whose hand acts, and where head and torso turn first.
-        amplitude: Share of the authored way from the posture Stand, in (0, 1.25].
+        name: Name of the gesture, one of `gesture_names()`.
+        side: "right" or "left": the hand that acts, and the side to which head and torso turn first.
+        amplitude: Factor on the authored displacement from the posture Stand, in (0, 1.25].
         tempo: Speed relative to the authored one, in [0.25, 4]; limits may make it slower.
         scene: The scene whose attached objects count with their mass, as in `enforce_limits`.
         payload: Point masses held at "left", "right" or a frame by name [kg], besides attached objects.
-        balance: As in `retime` [m].
-        torque_scale: As in `retime`.
-        start: Where it begins and ends [rad or m], shape (n,), such as the end of a drive: the posture Stand,
-            with the base anywhere; with the base at its zero if omitted.
+        balance: Distance that the zero-moment point keeps from the edges of the wheels' triangle [m]; "robot"
+            for the robot's requirement, None to leave balance out.
+        torque_scale: Fraction of the effort limits to use, in (0, 1]; "robot" for the robot's requirement.
+        start: First and last configuration [rad or m], shape (n,), such as the end of a drive: the posture
+            Stand, with the base anywhere; with the base at zero if omitted.
 
     Returns:
         The timed gesture.
 
     Raises:
-        UnknownNameError: for another name, or a robot without Pepper's joints.
+        UnknownNameError: for an unknown gesture, or a robot without Pepper's joints.
         InvalidValueError: for a side, amplitude or tempo out of range, or a start in another posture.
-        InfeasibleError: where the robot could not hold a pose of it.
+        InfeasibleError: if the robot could not hold a posture of the gesture.
     """
     score = _score(name)
     check_choice("side", side, SIDES)
@@ -108,7 +109,7 @@ def _rest(pepper: PepperModel, start: ArrayLike | None) -> Array:
     """Return the posture in which a gesture begins [rad or m], shape (n,).
 
     Raises:
-        InvalidValueError: where the start is another posture, naming the joint.
+        InvalidValueError: if the start is another posture, naming the joint.
     """
     rest = pepper.posture(_REST)
     if start is None:
@@ -125,7 +126,7 @@ def _rest(pepper: PepperModel, start: ArrayLike | None) -> Array:
 def _authored(
     pepper: PepperModel, score: GestureScore, rest: Array, side: str, amplitude: float, tempo: float
 ) -> Trajectory:
-    """Return the curves through the keys, before rounding and slowing down."""
+    """Return the curves through the keys, before smoothing and slowing down."""
     from scipy.interpolate import PchipInterpolator
 
     named = dict.fromkeys(joint for key in score.keys for joint in key.joints)
@@ -136,12 +137,12 @@ def _authored(
         keys = [(key.time, key.joints[joint]) for key in score.keys if joint in key.joints]
         mirrored, sign = (joint, 1.0) if side == "right" else _mirror(joint)
         j = pepper.joint_index(mirrored)
-        # Standing still before and after makes the curve begin and end at rest.
+        # Equal keys before the start and after the end make the curve begin and end at rest.
         time = [-1.0, 0.0, *(t for t, _ in keys), score.duration, score.duration + 1.0]
         way = [0.0, 0.0, *(amplitude * (sign * value - rest[j]) for _, value in keys), 0.0, 0.0]
         curve = PchipInterpolator(time, rest[j] + np.array(way))
         for power, divisor in enumerate((1.0, 1.0, 2.0, 6.0)):
-            # From the inside of each piece: at a key the second derivative jumps.
+            # Derivatives from the right, inside each piece: at a key the second derivative jumps.
             derivative = curve.derivative(power) if power else curve
             coefficients[:, power, j] = derivative(times[:-1]) / divisor
     scale = tempo ** np.arange(4)

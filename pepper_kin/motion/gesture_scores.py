@@ -1,8 +1,8 @@
-"""The gestures as scores: which joint is where at which time.
+"""Scores of the gestures: joint positions over time.
 
-Scores are written for the right side.  An arm is given in words that mean the same on both sides: how far the
-upper arm is lowered from the horizontal (negative: raised), how far it is held out, how far the elbow points
-out, how far it is bent, and how far the wrist is turned.
+Scores are written for the right side.  An arm is described by five angles [rad] with the same meaning on both
+sides: upper arm lowered from the horizontal (negative: raised), upper arm held out, elbow pointing out, elbow
+bent, and wrist rotated.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ _ARM = (
 
 @dataclass(frozen=True)
 class GestureKey:
-    """Where some joints are at one time.
+    """Positions of some joints at one time.
 
     Attributes:
-        time: [s] at tempo 1.
-        joints: Joint -> position for the right side [rad]; those not named pass through on their way.
+        time: Time at tempo 1 [s].
+        joints: Joint -> position for the right side [rad]; other joints of the gesture pass without a key.
     """
 
     time: float
@@ -37,9 +37,9 @@ class GestureScore:
     """One gesture, from the posture Stand and back to it.
 
     Attributes:
-        says: What it looks like, in a few words.
-        duration: [s] at tempo 1.
-        keys: In order of time, all strictly between 0 and the duration.
+        says: Short description of the gesture.
+        duration: Duration at tempo 1 [s].
+        keys: Keys in order of time, all strictly between 0 and the duration.
     """
 
     says: str
@@ -75,8 +75,8 @@ def _score(says: str, duration: float, *keys: tuple[float, dict[str, float]]) ->
     return GestureScore(says, duration, tuple(GestureKey(time, joints) for time, joints in keys))
 
 
-_FREE = {"LShoulderRoll": 0.22}  # the resting arm, out of the way of the hip
-_AHEAD = _head(0.0, -0.21)  # the gaze of the posture Stand
+_FREE = {"LShoulderRoll": 0.22}  # keeps the resting arm away from the hip
+_AHEAD = _head(0.0, -0.21)  # head position of the posture Stand
 
 SCORES: dict[str, GestureScore] = {
     "wave": _score(
@@ -248,4 +248,4 @@ SCORES: dict[str, GestureScore] = {
         (5.4, {**_arms(1.1, 0.45, 1.4, 0.95), **_torso(0.0, -0.02, 0.0), **_AHEAD}),
     ),
 }  # fmt: skip
-"""Gesture -> score."""
+"""Name of a gesture -> its score."""

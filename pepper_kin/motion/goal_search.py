@@ -1,7 +1,7 @@
-"""Goals of a motion that are given as tasks: configurations that meet them, touch nothing and can be held.
+"""Search of goal configurations that meet IK tasks, touch nothing and can be held.
 
-Tasks are solved from many starts, and the solutions examined together, in machine code; `TaskGoalSearch`
-provides its arrays, which are kept for the next search, and goes farther away where no goal is near.
+Tasks are solved from many starts, and the solutions are examined together, in machine code; `TaskGoalSearch`
+provides the arrays, which are reused by the next search, and draws starts farther away if no goal is near.
 """
 
 from __future__ import annotations
@@ -53,66 +53,65 @@ from pepper_kin.motion.checks import LEAST_MARGIN, Checks
 from pepper_kin.planners.compiled import load_code, stream_key, uniform
 
 GOALS = 4
-"""Solutions that are kept at most."""
+"""Maximum number of solutions that are kept."""
 
 NEARBY = 16
-"""Starts that lie ever farther from q0, besides q0 itself."""
+"""Number of starts at increasing distances from q0, besides q0 itself."""
 
 BLOCK = 64
-"""Rows that are solved, and configurations that are looked at, together."""
+"""Number of rows that are solved, and of configurations that are checked, together."""
 
 DRAWS = 4
-"""Postures drawn for each start of a round, of which those that touch nothing are taken, if machine code
-decides it."""
+"""Postures drawn for each start of a round; those in contact are left out if machine code can decide."""
 
 APART = 0.1
-"""Solutions that differ by less than this in every joint count as one [rad or m]."""
+"""Difference of every joint below which two solutions count as one [rad or m]."""
 
 ROUNDS = (48, 160, 512)
-"""Starts of one round after the other, where starts near q0 lead to no goal."""
+"""Numbers of starts in successive rounds, if starts near q0 lead to no goal."""
 
 ROUND_FOR_LESS = 0
-"""From this round on a solution nearer to something than the margin will do."""
+"""First round in which a solution nearer to something than the margin suffices."""
 
 ROUND_FOR_CARE = 2
-"""Before this round a way clear of collisions is looked for, which is slow."""
+"""Round before which IK with collision avoidance is tried, which is slow."""
 
 CAREFUL_STARTS = 2
-"""Further starts of a search that keeps clear all the way, which is slow."""
+"""Number of further starts of IK with collision avoidance, which is slow."""
 
 NEAR_RESTARTS, STEPS = 32, 150
-"""Further starts of the search from q0, and steps from each start."""
+"""Number of further starts of the search from q0, and maximum number of steps from each start."""
 
-_STREAM = 17  # of the numbers that postures are drawn from
+_STREAM = 17  # random stream of drawn postures
 
-# How a call ends.
+# Statuses of a call.
 FOUND, NONE, START_AT_FAULT, UNSOLVED, STOPPED = range(5)
 
-# Places in `counts`.
+# Indices into `counts`.
 GOAL_COUNT, SPARE_COUNT, SPENT, STEPS_TAKEN, RESTARTED = range(5)
 
 
 class GoalSearch(NamedTuple):
-    """All that a call needs; n joints, t tasks.
+    """Data of a search for compiled functions; n joints, t tasks.
 
     Attributes:
-        tables: The robot and tasks.
+        tables: Tables of the robot and the tasks.
         bounds: Bounds of `tables.joints` and whether they move, see `solve_rows`.
-        options: How much to search from q0.
-        further: The same for each of the other starts.
+        options: Options of the search from q0.
+        further: Options of the search from each of the other starts.
         check: Check of configurations in which any joint may differ.
-        margin: Distance to the scene that is preferred [m].
-        least_margin: A smaller one counts as none [m].
-        inputs: q0, weights and targets in the first row; space for BLOCK rows, shape (BLOCK, ...).
-        answers: Space for the answers of `solve_rows`, shape (BLOCK, n + t + EXTRA).
-        found: Space for the solutions of a round, shape (1 + the most starts of a round, n).
-        values: Space for how far these are from q0, as many.
-        order: Space for the order of these, as many.
-        sieve: Space for configurations that are looked at, shape (BLOCK, n).
-        ends: The start, then the goals that are found, the best first, shape (1 + GOALS, n).
-        spare: Solutions that touch nothing, but are nearer than the margin, shape (GOALS, n).
+        margin: Preferred distance to the scene [m].
+        least_margin: Margin below which it counts as zero [m].
+        inputs: q0, weights and targets in the first row; memory for BLOCK rows, shape (BLOCK, ...).
+        answers: Memory for the answers of `solve_rows`, shape (BLOCK, n + t + EXTRA).
+        found: Memory for the solutions of a round, shape (m, n), m = 1 + maximum number of starts of a round.
+        values: Memory for the squared distances of solutions from q0, shape (m,).
+        order: Memory for the order of solutions by distance, shape (m,).
+        sieve: Memory for configurations that are checked, shape (BLOCK, n).
+        ends: The start, then the goals found, the best first, shape (1 + GOALS, n).
+        spare: Solutions that touch nothing but are nearer than the margin, shape (GOALS, n).
         kept: Receives the margins that the ends keep, see `kept_margins`.
-        counts: See the places above.
+        counts: Counters, with the indices above.
     """
 
     tables: TaskTables
@@ -136,12 +135,12 @@ class GoalSearch(NamedTuple):
 
 @compiled
 def _pick_held(check: MotionCheck, rows: Array, count: int) -> int:
-    """Move the configurations to the front that can be held still; return how many.
+    """Move configurations that can be held still to the front; return their number.
 
     Args:
         check: Check of states.
-        rows: Configurations, of which the first are tested, shape (>= count, n).
-        count: How many.
+        rows: Configurations [rad or m], of which the first are tested, shape (>= count, n).
+        count: Number of configurations to test.
     """
     found = 0
     for i in range(count):
@@ -156,14 +155,14 @@ def _pick_held(check: MotionCheck, rows: Array, count: int) -> int:
 
 @compiled
 def _pick_free(check: MotionCheck, rows: Array, count: int, margin: float, self_margin: float) -> int:
-    """Move the configurations to the front that keep margins [m]; return how many.
+    """Move configurations that keep margins to the front; return their number.
 
     Args:
         check: Check of states.
-        rows: Configurations, of which the first are tested, shape (>= count, n).
-        count: How many, STATES_AT_ONCE at most.
-        margin: To the scene [m].
-        self_margin: To the robot itself [m].
+        rows: Configurations [rad or m], of which the first are tested, shape (>= count, n).
+        count: Number of configurations to test, at most STATES_AT_ONCE.
+        margin: Distance to the scene [m].
+        self_margin: Distance of the robot to itself [m].
     """
     if count == 0 or blocked(check, margin, self_margin):
         return 0
@@ -179,9 +178,9 @@ def _pick_free(check: MotionCheck, rows: Array, count: int, margin: float, self_
 
 @compiled
 def _write_nearby(search: GoalSearch) -> None:
-    """Write starts ever farther from q0 on the way to points that fill the joint box evenly.
+    """Write starts at increasing distances from q0, toward points that fill the joint box evenly.
 
-    Joints that no task depends on, and those that may not move, stay where they are.
+    Joints that no task depends on, and joints that may not move, keep q0.
     """
     tables, bounds, inputs, start = search.tables, search.bounds, search.inputs, search.ends[0]
     for row in range(NEARBY - 1, -1, -1):
@@ -207,8 +206,8 @@ def _write_posture(search: GoalSearch, key: np.uint64, place: int, q: Array) -> 
     Args:
         search: The search.
         key: Key of the stream of random numbers.
-        place: Place of the first of n numbers in it.
-        q: Joint positions [rad or m], shape (n,), the result.
+        place: Index of the first of n numbers in the stream.
+        q: Receives the joint positions [rad or m], shape (n,).
     """
     tables, bounds, start = search.tables, search.bounds, search.ends[0]
     for i in range(q.size):
@@ -219,7 +218,7 @@ def _write_posture(search: GoalSearch, key: np.uint64, place: int, q: Array) -> 
 
 @compiled
 def _solve(search: GoalSearch, count: int, size: int) -> int:
-    """Solve the first rows of `inputs`, add what meets the tasks to `found`; return its size, -1 to stop."""
+    """Solve the first rows of `inputs`, append solutions to `found`; return its size, or -1 to stop."""
     n, tables = search.ends.shape[1], search.tables
     none = CollisionTests(0, 0, 0, 0, 0, 0)
     solve_rows(tables, search.bounds, search.further, none, search.inputs, search.answers, 0, count)
@@ -242,7 +241,7 @@ def _solve(search: GoalSearch, count: int, size: int) -> int:
 
 @compiled
 def _sort(search: GoalSearch, first: int, size: int) -> None:
-    """Write the order of `found` from a row on, the nearest first; those before stay first."""
+    """Write the order of `found`, the nearest first; rows before `first` stay first."""
     order, values = search.order, search.values
     for k in range(size):
         place = k
@@ -254,16 +253,16 @@ def _sort(search: GoalSearch, first: int, size: int) -> None:
 
 @compiled
 def _add_different(solutions: Array, count: int, kept: Array, size: int) -> int:
-    """Add solutions that differ from those kept, while there is space for them.
+    """Append solutions that differ from all kept ones, while there is space.
 
     Args:
         solutions: Joint positions [rad or m], shape (m, n).
-        count: How many of them, from the first, are looked at.
-        kept: Those kept, shape (k, n); further ones are written behind the first `size`.
-        size: How many are kept before.
+        count: Number of solutions to consider, from the first.
+        kept: Kept solutions, shape (k, n); new ones are written after the first `size`.
+        size: Number of kept solutions before.
 
     Returns:
-        How many are kept now.
+        Number of kept solutions.
     """
     for k in range(count):
         new = size < kept.shape[0]
@@ -281,7 +280,7 @@ def _add_different(solutions: Array, count: int, kept: Array, size: int) -> int:
 
 @compiled
 def _load(search: GoalSearch, first: int, count: int) -> int:
-    """Write those of some solutions that can be held into the sieve; return how many."""
+    """Write the solutions that can be held, of `count` from `first` on, to the sieve; return their number."""
     for k in range(count):
         for j in range(search.sieve.shape[1]):
             search.sieve[k, j] = search.found[search.order[first + k], j]
@@ -290,7 +289,7 @@ def _load(search: GoalSearch, first: int, count: int) -> int:
 
 @compiled
 def _examine(search: GoalSearch, size: int) -> None:
-    """Take those of the solutions as goals that keep the margin and can be held; keep the other clear."""
+    """Add solutions that keep the margin and can be held to the goals; if there is none, store clear ones."""
     counts, check, goals = search.counts, search.check, search.ends[1:]
     for first in range(0, size, BLOCK):
         count = min(BLOCK, size - first)
@@ -306,9 +305,9 @@ def _examine(search: GoalSearch, size: int) -> None:
 
 @compiled
 def _sort_by_balance(search: GoalSearch, count: int) -> None:
-    """Put those of the goals first whose center of mass is farthest inside the wheels.
+    """Sort the goals by the distance of the center of mass inside the wheels, the farthest first.
 
-    Motions to them may slow down harder: the zero-moment point is farther from the edges.
+    Motions to the first ones may decelerate more: the zero-moment point is farther from the edges.
     """
     check, goals, values = search.check, search.ends[1:], search.values
     for k in range(count):
@@ -325,7 +324,7 @@ def _sort_by_balance(search: GoalSearch, count: int) -> None:
 
 @compiled
 def _ended(search: GoalSearch) -> int:
-    """Write the margins that start and goals keep, if there are goals; return how the search ended."""
+    """Write the margins that start and goals keep, if there are goals; return FOUND or NONE."""
     count = search.counts[GOAL_COUNT]
     if count == 0:
         return NONE
@@ -346,15 +345,16 @@ def _is_sound(search: GoalSearch) -> bool:
 
 @compiled("int64(GoalSearch, boolean)")
 def search_nearby(search: GoalSearch, known: bool) -> int:
-    """Look for goals from q0 and from starts ever farther away.
+    """Search goals from q0 and from starts at increasing distances.
 
     Args:
-        search: What is looked for; `ends` begins with q0.
+        search: Data of the search; `ends` begins with q0.
         known: Whether `found` begins with a solution from q0.
 
     Returns:
-        FOUND, with counts[GOAL_COUNT] goals; NONE; START_AT_FAULT; UNSOLVED where the search from q0 does not
-        meet the tasks, or STOPPED where a signal has ended it: `answers` begins with how it went.
+        FOUND, with counts[GOAL_COUNT] goals; NONE; START_AT_FAULT; UNSOLVED if the search from q0 does not
+        meet the tasks; or STOPPED if a signal has ended it.  The first row of `answers` holds the result from
+        q0.
     """
     counts, inputs, answers, n = search.counts, search.inputs, search.answers, search.ends.shape[1]
     for k in range(counts.size):
@@ -381,18 +381,18 @@ def search_nearby(search: GoalSearch, known: bool) -> int:
 
 @compiled("int64(GoalSearch, uint64, int64, boolean)")
 def search_anywhere(search: GoalSearch, key: np.uint64, starts: int, near: bool) -> int:
-    """Look for goals from postures drawn from all that touch nothing, where that is cheap.
+    """Search goals from random postures; postures in contact are left out if the check is quick.
 
-    All joints are drawn: an arm without a task may be in the way of one that has a task.
+    All joints are drawn: an arm without a task may be in the way of an arm with one.
 
     Args:
-        search: What is looked for, after `search_nearby`.
-        key: Of the stream of random numbers.
-        starts: Number of starts at most, those that `found` has space for.
-        near: Whether solutions nearer to something than the margin will do.
+        search: Data of the search, after `search_nearby`.
+        key: Key of the stream of random numbers.
+        starts: Maximum number of starts, for which `found` has space.
+        near: Whether solutions nearer to something than the margin suffice.
 
     Returns:
-        As `search_nearby`.
+        Status, as `search_nearby` returns it.
     """
     n, check, size, place, taken = search.ends.shape[1], search.check, 0, 0, 0
     most = (DRAWS if check.quick else 1) * starts * n
@@ -423,7 +423,7 @@ def search_anywhere(search: GoalSearch, key: np.uint64, starts: int, near: bool)
 
 @compiled("int64(GoalSearch)")
 def take_spare(search: GoalSearch) -> int:
-    """Take solutions as goals that are nearer to something than the margin; return as `search_nearby`."""
+    """Take solutions nearer to something than the margin as goals; return the status."""
     counts, goals = search.counts, search.ends[1:]
     counts[GOAL_COUNT] = _add_different(search.spare, counts[SPARE_COUNT], goals, counts[GOAL_COUNT])
     return _ended(search)
@@ -431,7 +431,7 @@ def take_spare(search: GoalSearch) -> int:
 
 @compiled("int64(GoalSearch)")
 def take_known(search: GoalSearch) -> int:
-    """Take the first of `found`, or else solutions nearer to something; return as `search_nearby`."""
+    """Take the first of `found` as goal, or else solutions nearer than the margin; return the status."""
     search.order[0] = 0
     _examine(search, 1)
     return _ended(search) if search.counts[GOAL_COUNT] > 0 else take_spare(search)
@@ -441,10 +441,10 @@ class TaskGoals(NamedTuple):
     """Configurations that meet tasks.
 
     Attributes:
-        goals: The best first, shape (m, n), m of 1 to 4: with balance, the farthest inside the wheels; else
-            the nearest.
-        ik: The result of inverse kinematics for the first.
-        kept: What `Checks.margins` returns for them and the start [m].
+        goals: Configurations [rad or m], shape (m, n), m from 1 to 4, the best first: with balance the
+            farthest inside the wheels, else the nearest.
+        ik: Result of inverse kinematics for the first goal.
+        kept: Margins that start and goals keep to the scene and of the robot to itself [m].
     """
 
     goals: Array
@@ -454,11 +454,11 @@ class TaskGoals(NamedTuple):
 
 _Kept: TypeAlias = tuple[SearchBuffers, tuple[NDArray[Any], ...]]
 _spare: WeakKeyDictionary[CompiledTasks, list[_Kept]] = WeakKeyDictionary()
-"""Arrays that a search has left to the next one of the same tasks: buffers, and those of a `GoalSearch`."""
+"""Compiled tasks -> arrays for reuse by the next search: buffers, and arrays of a `GoalSearch`."""
 
 
 def _arrays_of(ready: CompiledTasks) -> _Kept:
-    """Return arrays to use; append them to `_spare` afterwards."""
+    """Return unused arrays for a search; the caller appends them to `_spare` afterwards."""
     try:
         return _spare.setdefault(ready, []).pop()
     except IndexError:
@@ -472,7 +472,7 @@ def _arrays_of(ready: CompiledTasks) -> _Kept:
 
 
 def load_tasks(pepper: PepperModel, tasks: Sequence[Task]) -> None:
-    """Load, or compile, what `clear_goals` runs for tasks of the fast solver, groups taken apart."""
+    """Load or compile the code that `clear_goals` runs for tasks of the fast solver, with groups split."""
     compiled_tasks(pepper, equally_weighted(tuple(tasks)))
     load_code(search_nearby, search_anywhere, take_known, take_spare)
 
@@ -488,23 +488,23 @@ def clear_goals(
     *,
     nearby: bool = False,
 ) -> TaskGoals | None:
-    """Return solutions of tasks that touch nothing and can be held; None where none was found this way.
+    """Return solutions of tasks that touch nothing and can be held; None if none was found.
 
-    Solutions from starts ever farther away are examined together.  Those with the margin to the scene are
-    preferred to nearer ones without.
+    Solutions from starts at increasing distances are examined together.  Solutions that keep the margin to
+    the scene are preferred to nearer ones that do not.
 
     Args:
         checks: The robot in its scene.
-        start: Where the motion starts, shape (n,).
+        start: Start configuration [rad or m], shape (n,).
         tasks: Tasks of classes that the fast solver has code for.
-        joints: Joints that may move: joints and groups; None for all.
-        margin: Distance to the scene that is preferred [m].
-        seed: Draws the starts.
-        timeout: Time budget [s]; it is looked at between rounds.
-        nearby: Whether nothing is tried but starts near the configuration where the motion starts.
+        joints: Joints that may move, by names of joints and groups; None for all.
+        margin: Preferred distance to the scene [m].
+        seed: Seed of the random starts.
+        timeout: Time budget [s]; it is checked between rounds.
+        nearby: Whether only starts near the start configuration are tried.
 
     Returns:
-        The goals; None as well where the start touches something or cannot be held.
+        The goals; None as well if the start touches something or cannot be held.
     """
     parts = tuple(flatten_tasks(checks.pepper, tasks))
     movable = None if joints is None else movable_joints(checks.pepper, joints)
@@ -516,11 +516,11 @@ class TaskGoalSearch:
 
     Args:
         checks: The robot in its scene.
-        start: Where the motion starts [rad or m], shape (n,).
+        start: Start configuration [rad or m], shape (n,).
         parts: Tasks of classes that the fast solver has code for.
-        movable: Which joints may move, shape (n,); None for all.
-        margin: Distance to the scene that is preferred [m].
-        seed: Draws the starts.
+        movable: Whether each joint may move, shape (n,); None for all.
+        margin: Preferred distance to the scene [m].
+        seed: Seed of the random starts.
         timeout: Time budget [s].
     """
 
@@ -539,7 +539,7 @@ class TaskGoalSearch:
         self._timeout = timeout
 
     def goals(self, nearby: bool = False) -> TaskGoals | None:
-        """Return the goals, if there are some; see `clear_goals`."""
+        """Return the goals, or None; see `clear_goals`."""
         ready = compiled_tasks(self._checks.pepper, self._tasks)
         kept = _arrays_of(ready)
         search = self._search(ready, *kept)
@@ -562,7 +562,7 @@ class TaskGoalSearch:
     def _search(
         self, ready: CompiledTasks, buffers: SearchBuffers, arrays: tuple[NDArray[Any], ...]
     ) -> GoalSearch:
-        """Return what compiled functions take, and start the clock; arrays: shapes as from `inputs` on."""
+        """Return the data for compiled functions, with `arrays` from `inputs` on, and start the clock."""
         row, n = arrays[0][0], self._start.size
         row[:n] = self._start
         finite = ready.read(self._tasks, row, buffers.tolerance)
@@ -570,7 +570,7 @@ class TaskGoalSearch:
             SearchBudget(self._seed, 0, STEPS, np.inf, thorough=False), finite, ready.tables.task_joints
         )
         check, _ = self._checks.of_configurations(), search_nearby.native
-        # Code is loaded by now, and perhaps compiled: that is not searching.
+        # Loading or compiling code does not count as search time.
         self._begin = working_time()
         self._deadline = self._begin + self._timeout
         first = SearchOptions(
@@ -589,7 +589,7 @@ class TaskGoalSearch:
         return STATUSES[int(status)] is IKStatus.TIMED_OUT
 
     def _in_order(self, search: GoalSearch) -> int:
-        """Go on from what `solve` finds where tasks yield to others; return as `search_nearby`."""
+        """Search near the solution of `solve`, which relaxes tasks in order; return the status."""
         checks, timeout = self._checks, max(self._deadline - working_time(), 1e-3)
         joints = None
         if self._movable is not None:
@@ -604,7 +604,7 @@ class TaskGoalSearch:
         return int(checks.run(search_nearby, search, True))
 
     def _widened(self, search: GoalSearch, number: int) -> int:
-        """Look farther away, in one of the rounds; return as `search_nearby`."""
+        """Run one round of random starts, before one round with IK avoiding collisions; return the status."""
         if number == ROUND_FOR_CARE:
             status = self._carefully(search)
             if status == FOUND:
@@ -613,7 +613,7 @@ class TaskGoalSearch:
         return int(self._checks.run(search_anywhere, search, key, ROUNDS[number], near))
 
     def _carefully(self, search: GoalSearch) -> int:
-        """Look for a goal that is come to along a way clear of collisions."""
+        """Search a goal by IK that avoids collisions at every step; return the status."""
         pepper, checks = self._checks.pepper, self._checks
         budget = SearchBudget(self._seed, CAREFUL_STARTS, STEPS, self._deadline)
         collisions = Collisions(pepper, checks.exact.scene, loads=checks.statics.carrying)

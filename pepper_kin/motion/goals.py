@@ -1,7 +1,7 @@
-"""The ends of a path: can it start here, and which goals can it end at?
+"""Ends of a path: validity of the start, and valid goals.
 
-Goals that are tasks are solved from many starts in machine code; of the solutions those that are clear stay.
-Of several lists of tasks, such as the grasps of one object, any will do.
+Goals that are tasks are solved from many starts in machine code, and the clear solutions are kept.  If
+several lists of tasks are given, such as the grasps of one object, any of them suffices.
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ from pepper_kin.motion.static_limits import StaticLimits
 
 _Fault: TypeAlias = tuple[PlanStatus, str]
 _Goals: TypeAlias = tuple[Array, IKResult | None, _Fault | None]
-"""Goals, shape (m, n) [rad or m]; the IK result where there were tasks; what is wrong if there is no goal."""
+"""Goals [rad or m], shape (m, n); the IK result for tasks; status and reason if there is no goal."""
 
 OTHER_SOLVER = "proxsuite"
-"""For tasks of classes that the fast solver has no code for."""
+"""Solver for tasks of classes that the fast solver has no code for."""
 STAYS = "Start and goal are the same."
 _SAME = 1e-9  # [rad or m]
-_THERE = 1e-7  # [rad or m]: way-points of a path of a few nanometers are all the same
+_THERE = 1e-7  # distance of start and goal up to which nothing has to move [rad or m]
 TOGETHER = 2
-"""Alternatives that one search may end at."""
+"""Maximum number of alternative goals of one search."""
 
 _SOON, _LEAST_TIME = 1e-3, 2e-3  # [s]
 
@@ -50,13 +50,13 @@ Alternatives: TypeAlias = Sequence[Sequence[Task | TaskGroup]]
 def fault_of(
     checker: CollisionChecker, q: Array, what: str, statics: StaticLimits | None = None
 ) -> _Fault | None:
-    """Return why a configuration cannot be an end of the path, or None.
+    """Return status and reason if a configuration cannot be an end of the path, or None.
 
     Args:
-        checker: Coal's, without margins.
-        q: The configuration, shape (n,).
-        what: Its name, such as "start".
-        statics: What can be held; None: the robot's own weight by its joints.
+        checker: Collision checker by coal, without margins.
+        q: The configuration [rad or m], shape (n,).
+        what: Name of the configuration, such as "start".
+        statics: Static limits to keep; None: the joints must hold the robot's own weight.
     """
     pepper, start = checker.pepper, what == "start"
     if checker.in_collision(q):
@@ -77,7 +77,7 @@ def fault_of(
 
 
 def ends_of(request: CheckedRequest) -> Ends | Plan:
-    """Return the ends of a path; a plan where there can be none, or the start is a goal."""
+    """Return the ends of a path; the final plan if there can be no path, or if the start is a goal."""
     checks, start, goal, ended = request.checks, request.start, request.goal, request.ended
     least = request.options.least_margin
     tasks = are_tasks(goal)
@@ -85,7 +85,7 @@ def ends_of(request: CheckedRequest) -> Ends | Plan:
     sound = None if least > 0.0 or tasks else _sound(request)
     if sound is not None:
         return sound
-    found = _clear_goals(request, goal) if fast else None  # which looks at the start as well
+    found = _clear_goals(request, goal) if fast else None  # which checks the start as well
     if found is None or least > 0.0:
         fault = fault_of_start(checks, start, least)
         if fault is not None:
@@ -103,12 +103,12 @@ def ends_of(request: CheckedRequest) -> Ends | Plan:
 
 
 def _sound(request: CheckedRequest) -> Ends | None:
-    """Return the ends of a path to configurations if one call says that none is at fault, else None."""
+    """Return the ends of a path to configurations if one compiled call finds all of them valid, else None."""
     checks, start = request.checks, request.start
     goals = candidates_of(checks.pepper, start, request.goal)
     try:
         free = free_joints(checks.pepper, request.options.joints, start, goals)
-    except InvalidValueError:  # which a goal at fault may have caused
+    except InvalidValueError:  # an invalid goal may have caused it
         return None
     if is_there(start, goals):
         return None
@@ -117,7 +117,7 @@ def _sound(request: CheckedRequest) -> Ends | None:
 
 
 def _clear_goals(request: CheckedRequest, tasks: Sequence[Task]) -> TaskGoals | None:
-    """Return what `clear_goals` does for tasks in a third of the time that is left."""
+    """Search clear goals of tasks in a third of the remaining time; see `clear_goals`."""
     options = request.options
     return clear_goals(
         request.checks, request.start, tasks, options.joints, options.margin, request.seed, request.left() / 3
@@ -125,19 +125,19 @@ def _clear_goals(request: CheckedRequest, tasks: Sequence[Task]) -> TaskGoals | 
 
 
 def candidates_of(pepper: PepperModel, start: Array, goal: Any) -> Array:
-    """Return configurations that are given as goals, shape (m, n), by the turns that are nearest to a start.
+    """Return the given goal configurations, shape (m, n), with full turns chosen nearest to a start.
 
-    Of a joint that turns without limits, positions that differ by full turns are the same goal; that within
-    half a turn of the start is taken.
+    For a revolute joint without limits, positions that differ by full turns are the same goal; the position
+    within half a turn of the start is returned.
 
     Args:
         pepper: The robot.
-        start: Where the path begins, shape (n,).
-        goal: One configuration, shape (n,), or several, shape (m, n).
+        start: Start configuration [rad or m], shape (n,).
+        goal: One configuration [rad or m], shape (n,), or several, shape (m, n).
 
     Raises:
-        InvalidValueError: for a wrong shape, NaN, or none.
-        LimitError: for one outside the position limits.
+        InvalidValueError: for a wrong shape, NaN, or no configuration.
+        LimitError: for a goal outside the position limits.
     """
     candidates = as_joint_vectors(pepper, goal, "goal")
     if candidates.ndim > 2:
@@ -154,13 +154,12 @@ def candidates_of(pepper: PepperModel, start: Array, goal: Any) -> Array:
 def goals_of(request: CheckedRequest, *, tried: bool = False) -> _Goals:
     """Return the goals that can be ends of a path, or the reason why there is none.
 
-    Tasks are solved with the margin to the scene first, and without it where that fails; several solutions
-    are looked for at once.  Without a goal there is no path to search: all of the time is used for finding
-    one.
+    Tasks are solved with the margin to the scene first, and without it if that fails; several solutions are
+    searched at once.  Without a goal there is no path to search, so that the whole time budget may be used.
 
     Args:
-        request: What is planned.
-        tried: Whether `clear_goals` has been called and has found none.
+        request: The checked request.
+        tried: Whether `clear_goals` has been called and has found no goal.
     """
     checks, least = request.checks, request.options.least_margin
     if are_tasks(request.goal):
@@ -172,7 +171,7 @@ def goals_of(request: CheckedRequest, *, tried: bool = False) -> _Goals:
 def _far_enough(
     checks: Checks, goals: Array, ik: IKResult | None, fault: _Fault | None, least: float
 ) -> _Goals:
-    """Return the goals, of shape (m, n), that keep a least margin [m], or what the first is too near to."""
+    """Return the goals, shape (m, n), that keep a minimum margin [m], or the fault of the first one."""
     near = [checks.too_near(q, "goal", least) for q in goals] if least > 0.0 and fault is None else []
     far = goals[[not sentence for sentence in near]] if near else goals
     if len(far) or not near:
@@ -181,7 +180,7 @@ def _far_enough(
 
 
 def _goals_of_tasks(request: CheckedRequest, tried: bool) -> _Goals:
-    """Return what `goals_of` does, for a goal that is tasks."""
+    """Return the goals that meet tasks, or the reason why there is none; see `goals_of`."""
     tasks, checks, scene = request.goal, request.checks, request.checks.exact.scene
     more, fast = checks.statics.tasks(), are_known_to_fast(checks.pepper, request.goal)
     for sought in ([] if tried or not fast else [tasks]) + ([(*tasks, *more)] if more and fast else []):
@@ -207,7 +206,7 @@ def _goals_of_tasks(request: CheckedRequest, tried: bool) -> _Goals:
 
 
 def _good_ones(checks: Checks, candidates: Array, ik: IKResult | None) -> _Goals:
-    """Return the candidates, of shape (m, n), that can be ends of a path, or what is wrong with the first."""
+    """Return the candidates, shape (m, n), that can be ends of a path, or the fault of the first one."""
     good = candidates[checks.holds(candidates) & checks.free(candidates)]
     if len(good):
         return good, ik, None
@@ -216,7 +215,7 @@ def _good_ones(checks: Checks, candidates: Array, ik: IKResult | None) -> _Goals
 
 
 def fault_of_start(checks: Checks, q: Array, least: float = 0.0) -> _Fault | None:
-    """Return why a path that keeps a least margin [m] cannot start at q, shape (n,), or None."""
+    """Return why a path that keeps a minimum margin [m] cannot start at q, shape (n,), or None."""
     if checks.holds(q[None])[0] and checks.free(q):
         near = checks.too_near(q, "start", least)
         return (PlanStatus.START_TOO_NEAR, near) if near else None
@@ -224,7 +223,7 @@ def fault_of_start(checks: Checks, q: Array, least: float = 0.0) -> _Fault | Non
 
 
 def is_there(start: Array, goals: Array) -> bool:
-    """Whether one of the goals, shape (m, n), is the start, shape (n,): then nothing need move."""
+    """Whether one of the goals, shape (m, n), is the start, shape (n,), so that nothing has to move."""
     apart = np.abs(goals - start) > _THERE
     return not (np.count_nonzero(apart) if len(apart) == 1 else apart.any(axis=1).all())
 
@@ -235,16 +234,16 @@ def free_joints(
     start: Array,
     goals: Array,
 ) -> NDArray[np.int64]:
-    """Return the indices of the joints that the planner moves, rising, shape (k,).
+    """Return the indices of the joints that the planner moves, increasing, shape (k,).
 
     Args:
         pepper: The robot.
-        joints: Joints and groups, or None for those in which start and goals differ.
-        start: Start configuration, shape (n,).
-        goals: Goal configurations, shape (m, n).
+        joints: Names of joints and groups, or None for the joints in which start and goals differ.
+        start: Start configuration [rad or m], shape (n,).
+        goals: Goal configurations [rad or m], shape (m, n).
 
     Raises:
-        InvalidValueError: where a goal differs from the start in a joint that may not move.
+        InvalidValueError: if a goal differs from the start in a joint that may not move.
         UnknownNameError: for an unknown joint or group.
     """
     apart = np.abs(goals - start) > _SAME
@@ -271,7 +270,7 @@ def _places_of(pepper: PepperModel, joints: str | tuple[str, ...]) -> NDArray[np
 
 
 class _Goal(NamedTuple):
-    """Configurations, shape (m, n), that meet one of the alternatives, and its number."""
+    """Index of an alternative, and configurations that meet it, shape (m, n)."""
 
     number: int
     configurations: Array
@@ -279,24 +278,25 @@ class _Goal(NamedTuple):
 
 
 def are_alternatives(goal: object) -> TypeGuard[Alternatives]:
-    """Return whether a goal is lists of IK tasks, any of which will do."""
+    """Return whether a goal is a sequence of lists of IK tasks, any of which suffices."""
     return isinstance(goal, Sequence) and len(goal) > 0 and all(are_tasks(one) for one in goal)
 
 
 def plan_to_any(asked: PlanRequest, search: Callable[[PlanRequest], Plan]) -> Plan:
-    """Plan to the alternative to which a path is found first.
+    """Plan to the first alternative to which a path is found.
 
-    The alternatives are tried from that on which the start is nearest to meeting, each for a millisecond,
-    since one that cannot be met takes a hundred.  Where two of them are met, or all were tried, a path to any
-    of the configurations is searched.  Where there is none, the others are tried for longer.
+    The alternatives are tried in the order of their errors at the start, each for a millisecond, since an
+    alternative that cannot be met takes a hundred.  As soon as two of them are met, or all were tried, a path
+    to any of the configurations is searched.  If there is none, the remaining alternatives are tried for
+    longer.
 
     Args:
-        asked: What was asked for, whose goal is lists of IK tasks, each a goal by itself.
-        search: Plans to configurations.
+        asked: The request, whose goal is several lists of IK tasks, each a goal by itself.
+        search: Function that plans to configurations.
 
     Returns:
-        The plan, with the number of its alternative; where there is none, the last that failed, one whose
-        tasks were met if there is any.
+        The plan, with the index of its alternative; without a path, the last plan that failed, preferably one
+        whose tasks were met.
     """
     still, alternatives, timeout = asked.with_options(start_velocity=None), asked.goal, asked.options.timeout
     requests = [replace(still, goal=list(tasks)).checked() for tasks in alternatives]
@@ -333,7 +333,7 @@ def plan_to_any(asked: PlanRequest, search: Callable[[PlanRequest], Plan]) -> Pl
         if found.success:
             return _named(replace(found, time=working_time() - begin), goals, len(alternatives))
         failed.append(found)
-    if not failed:  # the time was up before any was tried to the end
+    if not failed:  # the time was up before any alternative was tried completely
         failed.append(requests[0].ended(PlanStatus.NO_PATH_IN_TIME, "The time was up."))
     last = ([plan for plan in failed if plan.status is not PlanStatus.NO_IK] or failed)[-1]
     message = f"None of {len(alternatives)} goals; of the last: {last.message}"
@@ -341,14 +341,14 @@ def plan_to_any(asked: PlanRequest, search: Callable[[PlanRequest], Plan]) -> Pl
 
 
 def _farness(request: CheckedRequest) -> float:
-    """Return how far the start is from meeting an alternative, in its tasks' own units."""
+    """Return the norm of an alternative's task errors at the start, in the tasks' units."""
     parts = flatten_tasks(request.checks.pepper, request.goal)
     errors = [part.residual(request.checks.pepper, request.start) for part in parts]
     return float(np.linalg.norm(np.concatenate(errors)))
 
 
 def _at_once(request: CheckedRequest) -> TaskGoals | None:
-    """Return what meets an alternative, if that is found soon."""
+    """Return goals that meet an alternative if they are found within a millisecond or so, else None."""
     options = request.options
     if options.least_margin > 0.0 or not are_known_to_fast(request.checks.pepper, request.goal):
         return None
@@ -359,7 +359,7 @@ def _at_once(request: CheckedRequest) -> TaskGoals | None:
 
 
 def _together(goals: Iterator[_Goal]) -> Iterator[list[_Goal]]:
-    """Yield goals by twos, the last of them fewer."""
+    """Yield goals in groups of `TOGETHER`, the last group possibly smaller."""
     some: list[_Goal] = []
     for goal in goals:
         some.append(goal)
@@ -371,7 +371,7 @@ def _together(goals: Iterator[_Goal]) -> Iterator[list[_Goal]]:
 
 
 def _named(plan: Plan, goals: list[_Goal], count: int) -> Plan:
-    """Return a plan with the alternative that it ends at."""
+    """Return a plan with the index of the alternative that it ends at."""
     assert plan.goal is not None
     end = plan.goal
     reached = min(goals, key=lambda goal: float(np.abs(goal.configurations - end).max(axis=1).min()))

@@ -1,4 +1,4 @@
-"""Key points of a person over time, as pose estimators and motion capture give them."""
+"""Key points of a person over time, as pose estimators and motion capture provide them."""
 
 from __future__ import annotations
 
@@ -48,18 +48,18 @@ _SPELLINGS = {
     for spelling in (side + part, side[:1] + part, part + side, part + side[:1])
     for spelling in [spelling.replace("_", "")]
 }
-"""Names by what is left of other ways to write them."""
+"""Alternative spelling, in lower-case letters and digits only -> name of the key point."""
 
 _ARRAYS, _RATE = {"points", "names", "times"}, 30.0
 
 
 @dataclass(frozen=True, eq=False)
 class KeyPoints(FrozenArrays):
-    """Points of a person over time.
+    """Key points of a person over time.
 
     Attributes:
-        times: Rising [s], shape (T,), T > 1.
-        points: Positions in any fixed frame and unit of length; NaN where one was not seen, shape (T, K, 3).
+        times: Increasing times [s], shape (T,), T > 1.
+        points: Positions in any fixed frame and unit of length, shape (T, K, 3); NaN if not observed.
         names: Names of the points, such as "left_wrist", shape (K,).
     """
 
@@ -68,16 +68,16 @@ class KeyPoints(FrozenArrays):
     names: tuple[str, ...]
 
     def __init__(self, times: ArrayLike, points: ArrayLike, names: str | Sequence[str]) -> None:
-        """Keep copies.
+        """Copy and check the data.
 
         Args:
-            times: Rising [s], shape (T,), or a rate [1/s].
-            points: Shape (T, K, 3), NaN where one was not seen.
-            names: Of the points, in any common way to write them ("LShoulder", "left shoulder"), or "coco",
-                "human36m" or "mediapipe", for those in their order.
+            times: Increasing times [s], shape (T,), or a rate [1/s].
+            points: Positions, shape (T, K, 3), NaN if not observed.
+            names: Names of the points in any common spelling ("LShoulder", "left shoulder"), or "coco",
+                "human36m" or "mediapipe" for the points of that skeleton in its order.
 
         Raises:
-            InvalidValueError: for other shapes, infinity, or times that do not rise.
+            InvalidValueError: for other shapes, infinity, or times that do not increase.
             UnknownNameError: for an unknown skeleton.
         """
         place = np.array(points, dtype=float)
@@ -107,18 +107,18 @@ class KeyPoints(FrozenArrays):
         self.__dict__.update(times=read_only(time), points=read_only(place), names=known)
 
     def __len__(self) -> int:
-        """Return T."""
+        """Return the number of times T."""
         return len(self.times)
 
     def has(self, *names: str) -> bool:
-        """Whether all these points are there."""
+        """Whether all named points are present."""
         return all(name in self.names for name in names)
 
     def of(self, name: str) -> Array:
         """Return one point over time, shape (T, 3).
 
         Raises:
-            UnknownNameError: where there is none.
+            UnknownNameError: for a point that is not present.
         """
         if name not in self.names:
             raise UnknownNameError("key point", name, self.names)
@@ -126,7 +126,7 @@ class KeyPoints(FrozenArrays):
 
 
 def plain_name(name: str) -> str:
-    """Return the name of a key point as this module writes it: "LShoulder" is "left_shoulder"."""
+    """Return the name of a key point in this module's spelling: "left_shoulder" for "LShoulder"."""
     plain = re.sub(r"[^a-z0-9]", "", str(name).lower())
     return _SPELLINGS.get(plain, plain)
 
@@ -136,17 +136,18 @@ def read_key_points(
 ) -> KeyPoints:
     """Read key points over time from a NumPy archive (`.npz`) or a table (`.csv`).
 
-    An archive holds `points`, shape (T, K, 3), and may hold `names`, K texts, and `times` [s], shape (T,).  A
-    table begins with a line of names: `time` [s], then three columns for each point, such as `left_wrist.x`,
-    `left_wrist.y` and `left_wrist.z`; an empty cell or `nan` is a point that was not seen.
+    An archive holds `points`, shape (T, K, 3), and optionally `names`, K strings, and `times` [s], shape
+    (T,).  A table begins with a line of names: `time` [s], then three columns for each point, such as
+    `left_wrist.x`, `left_wrist.y` and `left_wrist.z`; an empty cell or `nan` is a point that was not
+    observed.
 
     Args:
-        path: The file.
-        names: Of the points, as `KeyPoints` takes them, where the archive has none.
-        rate: Frames a second, where the archive has no times [1/s]; 30 if omitted.
+        path: Path of the file.
+        names: Names of the points, as `KeyPoints` takes them, if the archive has none.
+        rate: Frame rate [1/s], if the archive has no times; 30 if omitted.
 
     Raises:
-        FileFormatError: naming the file and what is wrong with it.
+        FileFormatError: for an invalid file, naming it and the fault.
         UnknownNameError: for an unknown skeleton.
     """
     ending = as_path(path).suffix.lower()

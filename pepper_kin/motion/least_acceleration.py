@@ -1,15 +1,16 @@
-"""The way through a whole path of tasks that accelerates the joints least, as one banded problem.
+"""Minimum-acceleration joint positions along a whole path of tasks, as one banded problem.
 
 At nodes s_0 < ... < s_K of a path's parameter, with x = q / (acceleration limits),
 
     minimize  sum_i w_i |(x'')_i|^2 + 10 sum_i d_i |(x')_i|^2 + sum_k h_k sum_i rho_ki (x_k - g_k)_i^2
     subject to  r(q_k; s_k) = 0,
 
-s over the path's length, x'' by divided differences of three nodes and x' of two, w, d and h shares of the
-length, g a posture to stay near.  Without x', the free end of a path drifts away at no cost.
-Tasks are linearized in each step (Gauss-Newton).  At every node their rows leave a null space, from a
-singular value decomposition; in it the rest is a banded positive definite system (null-space method: Nocedal
-and Wright, Numerical Optimization, 2006, section 16.2).  Position limits are penalties where exceeded.
+with s relative to the path's length, x'' by divided differences of three nodes and x' of two nodes, weights
+w, d and h proportional to the length at each node, and g a posture to stay near.  Without x', the free end of
+a path would drift away at no cost.  Tasks are linearized in each step (Gauss-Newton).  At every node their
+rows have a null space, computed by a singular value decomposition, in which the remaining problem is a banded
+positive definite system (null-space method: Nocedal and Wright, Numerical Optimization, 2006, section 16.2).
+Position limits are penalized if exceeded.
 """
 
 from __future__ import annotations
@@ -25,25 +26,25 @@ from pepper_kin.core.path_blocks import solve_path_blocks
 Rows: TypeAlias = Callable[[Array], tuple[Array, Array]]
 
 LONGEST_STEP = 0.5
-"""Of a joint in one step [rad or m]."""
+"""Maximum change of a joint in one step [rad or m]."""
 
-_SPEED = 10.0  # beside x'' with the path's length as 1: about (half a wave)^2
-_DAMPING = 1e-2  # of the largest singular value of a node's rows: smaller ones do not move the joints far
-_ENOUGH = 0.02  # of the cost: a step that gains less is the last
+_SPEED = 10.0  # weight of x', relative to x'', with a path of length 1: about (half a wave)^2
+_DAMPING = 1e-2  # damping relative to a node's largest singular value
+_ENOUGH = 0.02  # relative gain of the cost below which a step is the last
 _LEAST_HELD, _MORE_HELD, _LESS_HELD, _TRIALS = 1e-3, 8.0, 4.0, 7
-_LEAST_SLOPE = 1.0  # of barriers
-_STIFF = 1000.0  # of a limit, beside what bends the path there
+_LEAST_SLOPE = 1.0  # minimum gradient norm by which barriers are divided
+_STIFF = 1000.0  # weight of a limit's penalty, relative to the bending weight at the node
 
 
 class PathNodes(NamedTuple):
-    """Nodes of a path, and what bends it there.
+    """Nodes of a path, and the quadratic form of its bending.
 
     Attributes:
-        s: The path's parameter, rising, shape (K,); of a closed path without its end, where it begins again.
+        s: Path parameters of the nodes, increasing, shape (K,); a closed path is given without its end.
         closed: Whether the path is closed.
-        bend: Sum of w c c^T of all divided differences c: couplings of nodes k and k + d at [d, k], shape
-            (3, K), modulo K where closed.
-        share: h: share of the path's length at each node, shape (K,).
+        bend: Sum of w c c^T of all divided differences c, with the coupling of nodes k and k + d at [d, k],
+            shape (3, K), modulo K if closed.
+        share: Fraction h of the path's length at each node, shape (K,).
     """
 
     s: Array
@@ -56,8 +57,8 @@ class PathNodes(NamedTuple):
         """Return nodes of a path.
 
         Args:
-            s: The path's parameter, shape (K,).
-            corners: Nodes at which the path may be bent freely, shape (m,).
+            s: Path parameters of the nodes, shape (K,).
+            corners: Parameters at which the path may bend freely, shape (m,).
             closed: Whether the path is closed.
             length: The path's length.
             emphasis: Factors on w at the nodes, shape (K,).
@@ -82,7 +83,7 @@ class PathNodes(NamedTuple):
         return cls(s, closed, bend, share)
 
     def bent(self, x: Array) -> Array:
-        """Return the couplings times x, shape (K, n)."""
+        """Return the product of the bending matrix and x, shape (K, n)."""
         found = self.bend[0, :, None] * x
         here = np.arange(len(x))
         for d in (1, 2):
@@ -92,15 +93,16 @@ class PathNodes(NamedTuple):
 
 
 class _Point(NamedTuple):
-    """Tasks and objective at x, shape (K, k): of its moving joints, in units of `NodeProblem.scale`.
+    """Tasks and objective at a point.
 
     Attributes:
-        x: See above.
-        residual: Of the equations, shape (K, m).
-        rows: Their derivatives by x, shape (K, m, k).
-        gradient: Of the objective without `more`, shape (K, k).
-        weight: Its diagonal terms beside `PathNodes.bend`, shape (K, k).
-        more: Values, shape (K, w), and derivatives, shape (K, w, k), whose squares are in the objective, too.
+        x: Positions of the moving joints, in units of `NodeProblem.scale`, shape (K, k).
+        residual: Residuals of the equations, shape (K, m).
+        rows: Derivatives of the residuals by x, shape (K, m, k).
+        gradient: Gradient of the objective without `more`, shape (K, k).
+        weight: Diagonal terms of the objective in addition to `PathNodes.bend`, shape (K, k).
+        more: Values, shape (K, w), and derivatives, shape (K, w, k), whose squares also belong to the
+            objective.
         objective: Half the sum of all squares.
     """
 
@@ -113,7 +115,7 @@ class _Point(NamedTuple):
     objective: float
 
     def cost(self, price: float) -> float:
-        """Return the objective and the residuals at a price each."""
+        """Return the objective plus the sum of absolute residuals times a price."""
         return self.objective + price * float(np.abs(self.residual).sum())
 
 
@@ -121,13 +123,13 @@ class _Model(NamedTuple):
     """The linearized problem at a point.
 
     Attributes:
-        across: Least step onto the tasks, shape (K, k).
-        inverse: Pseudo-inverse of the rows, damped; zero at the first node, which stays, shape (K, k, m).
+        across: Minimum-norm step onto the tasks, shape (K, k).
+        inverse: Damped pseudo-inverse of the rows, shape (K, k, m); zero at the first node, which is fixed.
         null: Bases of the rows' null spaces, shape (K, d, k).
-        rows_along: Derivatives of `_Point.more` along them, shape (K, w, d).
-        gradient: Of the objective after the step across, shape (K, k).
-        weight: As in `_Point`.
-        multipliers: Of the equations, shape (K, m).
+        rows_along: Derivatives of `_Point.more` along the null spaces, shape (K, w, d).
+        gradient: Gradient of the objective after the step across, shape (K, k).
+        weight: Diagonal terms of the objective, shape (K, k).
+        multipliers: Lagrange multipliers of the equations, shape (K, m).
     """
 
     across: Array
@@ -139,22 +141,24 @@ class _Model(NamedTuple):
     multipliers: Array
 
     def onto(self, residual: Array) -> Array:
-        """Return the least step that removes a residual, shape (K, m), by the same rows, shape (K, k)."""
+        """Return the minimum-norm step, shape (K, k), that removes a residual, shape (K, m)."""
         return -np.einsum("knr,kr->kn", self.inverse, residual)
 
 
 class NodeProblem(NamedTuple):
-    """The problem of one set of nodes; the first node is where the robot is.
+    """Optimization problem of one set of nodes; the first node is the robot's current position.
 
     Attributes:
         nodes: The nodes.
-        equations: Residuals that vanish and their Jacobians at joint positions of all nodes.
-        preferences: The same of those that are to be small, but need not vanish; their rows are weighted.
-        barriers: The same of those that are small where their rows are not zero: penalties.
-        scale: Joint positions of x = 1 [rad or m], shape (n,).
-        limits: Lower and upper bounds to stay within [rad or m], shape (2, n).
-        near: g [rad or m], shape (K, n).
-        nearness: rho, shape (K, n).
+        equations: Function from joint positions of all nodes to residuals that must vanish, and their
+            Jacobians.
+        preferences: Function to weighted residuals to be minimized, and their Jacobians; None for none.
+        barriers: Function to penalty residuals, which count where their Jacobians are not zero; None for
+            none.
+        scale: Joint positions that correspond to x = 1 [rad or m], shape (n,).
+        limits: Lower and upper position bounds [rad or m], shape (2, n).
+        near: Posture g to stay near at each node [rad or m], shape (K, n).
+        nearness: Weight rho of the distance from g, shape (K, n).
         moving: Whether a joint may move, shape (n,).
     """
 
@@ -169,17 +173,17 @@ class NodeProblem(NamedTuple):
     moving: np.ndarray
 
     def solved(self, q: Array, steps: int, still: float, met: float) -> Array:
-        """Return joint positions, shape (K, n), after at most so many steps, fewer if they become small.
+        """Return joint positions [rad or m], shape (K, n), after Gauss-Newton steps.
 
-        A step is taken if it lowers the objective plus a multiple of the tasks' residuals that is above
-        their multipliers; else it is shortened by a proximal term (Levenberg and Marquardt), which shrinks
-        again with steps that are taken.
+        A step is accepted if it lowers the objective plus the residuals times a price above their
+        multipliers; else it is shortened by a proximal term (Levenberg and Marquardt), which shrinks again
+        with accepted steps.
 
         Args:
-            q: Where to begin, shape (K, n) [rad or m].
-            steps: Number of steps.
-            still: Size of a step that ends it [rad or m].
-            met: Residuals below which it may end.
+            q: Initial joint positions [rad or m], shape (K, n).
+            steps: Maximum number of steps.
+            still: Step size below which the iteration may end [rad or m].
+            met: Largest residual with which the iteration may end.
         """
         x, held = q[:, self.moving] / self.scale[self.moving], _LEAST_HELD
         point = self._point(q, x)
@@ -188,7 +192,7 @@ class NodeProblem(NamedTuple):
             price = 2.0 * np.abs(model.multipliers).max(initial=0.0)
             for _ in range(_TRIALS):
                 x = point.x + model.across + self._along(model, held)
-                # Once more onto the tasks, by the same rows: their curvature alone refuses good steps.
+                # Project onto the tasks again, with the same rows: else their curvature rejects good steps.
                 x = x + model.onto(self.equations(self._whole(q, x))[0])
                 trial = self._point(self._whole(q, x), x)
                 longest = np.abs((x - point.x) * self.scale[self.moving]).max()
@@ -236,7 +240,7 @@ class NodeProblem(NamedTuple):
         )
 
     def _model(self, point: _Point) -> _Model:
-        """Return the linearized problem at a point: the step onto the tasks, and what is left free."""
+        """Return the linearized problem at a point: the step onto the tasks, and the null spaces."""
         left, size, right = np.linalg.svd(point.rows)
         rank = size.shape[1]
         gain = size / (size**2 + (_DAMPING * size.max()) ** 2 + 1e-300)
@@ -255,7 +259,7 @@ class NodeProblem(NamedTuple):
         return _Model(across, inverse, null, rows_along, gradient, point.weight, multipliers)
 
     def _along(self, model: _Model, held: float) -> Array:
-        """Return the step along the tasks, shape (K, k), with a proximal term of a share of the stiffness."""
+        """Return the step along the tasks, (K, k), with a proximal term of `held` times the bending."""
         values = np.ascontiguousarray(-np.einsum("kin,kn->ki", model.null, model.gradient))
         if values.size == 0 or len(values) == 1:
             return np.zeros_like(model.across)

@@ -1,4 +1,4 @@
-"""Motions in legs: constraints, costs and worlds that hold on a part of the way, from goal to goal."""
+"""Motions in legs: constraints, costs and worlds that hold from one goal to the next."""
 
 from __future__ import annotations
 
@@ -28,29 +28,29 @@ from pepper_kin.motion.static_limits import static_limits
 from pepper_kin.trajectory import Certificate, Trajectory, retime
 
 ATTEMPTS = 4
-"""Ways through all goals that are tried: a solution of one goal may leave no way to the next."""
+"""Maximum number of attempts: a solution of one goal may leave no path to the next."""
 
-_APART = 7919  # seeds of two attempts
-_SOLUTIONS = 32  # of a goal, from which those are taken from which the next leg can begin
+_APART = 7919  # difference of the seeds of successive attempts
+_SOLUTIONS = 32  # number of solutions of a goal, from which the next leg's starts are chosen
 
 SceneOfLeg: TypeAlias = Scene | Callable[[Scene, Array], Scene]
-"""A scene, or a function that returns it: of the scene before and of joint positions, shape (n,)."""
+"""A scene, or a function from the previous scene and joint positions [rad or m], shape (n,), to a scene."""
 
 
 @dataclass(frozen=True, eq=False)
 class Leg:
-    """A part of a motion: where it ends, and what holds until then.
+    """A leg of a motion: its goal, and what holds until the goal.
 
     Attributes:
-        goal: A configuration [rad or m], shape (n,), several, shape (m, n), or IK tasks.
-        constraints: Tasks that stay met along this leg, both ends included; empty for none.
+        goal: Goal configuration [rad or m], shape (n,), several, shape (m, n), or IK tasks.
+        constraints: Tasks that stay met along this leg, including both ends; empty for none.
         costs: Soft costs along this leg; empty for none.
-        joints: Joints that may move: names of joints and groups; None: those of `plan_legs`.
-        scene: What changes in the world where this leg begins, such as an object that is picked up or put
-            down: the world from then on, or a function that returns it from the world before and the
-            configuration in which the leg begins [rad or m], shape (n,); None for no change.  With
-            `lambda scene, q: scene.attach("cup", "l_gripper", pepper=pepper, q=q, mass=0.3)` the hand takes
-            the cup where it stands, with `lambda scene, q: scene.release("cup", pepper, q)` it lets go.
+        joints: Joints that may move, by names of joints and groups; None for the `joints` of `plan_legs`.
+        scene: World from the beginning of this leg on, for example after an object is picked up or put down;
+            or a function that returns it from the previous world and the configuration in which the leg
+            begins [rad or m], shape (n,); None for no change.  With `lambda scene, q: scene.attach("cup",
+            "l_gripper", pepper=pepper, q=q, mass=0.3)` the hand grasps the cup where it stands, with `lambda
+            scene, q: scene.release("cup", pepper, q)` it releases the cup.
     """
 
     goal: ArrayLike | Sequence[Any]
@@ -62,13 +62,13 @@ class Leg:
 
 @dataclass(frozen=True, eq=False)
 class PlanInLegs(FrozenArrays):
-    """The outcome of planning in legs.
+    """Result of planning in legs.
 
     Attributes:
-        plans: The plan of each leg, the last of which failed unless `success`.
-        count: Number of legs asked for.
+        plans: Plan of each leg, the last of which failed unless `success`.
+        count: Number of requested legs.
         time: Wall time [s].
-        scenes: The world of each of the plans, with what the robot carries.
+        scenes: World of each plan, with attached objects.
     """
 
     plans: tuple[Plan, ...]
@@ -78,7 +78,7 @@ class PlanInLegs(FrozenArrays):
 
     @property
     def status(self) -> PlanStatus:
-        """How the last leg that was planned ended."""
+        """Status of the last leg that was planned."""
         return self.plans[-1].status
 
     @property
@@ -88,7 +88,7 @@ class PlanInLegs(FrozenArrays):
 
     @property
     def path(self) -> Array | None:
-        """Way-points of all legs, shape (k, n), where legs meet once, read-only; None unless solved."""
+        """Way-points of all legs [rad or m], shape (k, n), common ends once, read-only; or None."""
         if not self.success:
             return None
         paths = [one.path for one in self.plans if one.path is not None]
@@ -96,7 +96,7 @@ class PlanInLegs(FrozenArrays):
 
     @property
     def constraint_errors(self) -> tuple[tuple[float, ...], ...]:
-        """Of each leg the largest error of each of its constraints along its curve [m or rad]."""
+        """Largest error of each constraint along the leg's curve [m or rad], for each leg."""
         return tuple(one.constraint_errors for one in self.plans)
 
     def retime(self, pepper: PepperModel, **options: Any) -> Trajectory:
@@ -104,12 +104,12 @@ class PlanInLegs(FrozenArrays):
 
         Args:
             pepper: The robot.
-            **options: As of `trajectory.retime`, for each leg.  What hangs on the robot counts on the legs on
-                which it does.
+            **options: Options of `trajectory.retime`, for each leg.  Attached objects count on the legs on
+                which they are attached.
 
         Raises:
             InvalidValueError: for a plan that is not solved, or in which nothing moves.
-            InfeasibleError: as `retime` does.
+            InfeasibleError: if a leg cannot be timed within limits.
         """
         moving = [one for one in self.retime_legs(pepper, **options) if one is not None]
         if not moving:
@@ -119,18 +119,18 @@ class PlanInLegs(FrozenArrays):
         return functools.reduce(Trajectory.then, moving)
 
     def retime_legs(self, pepper: PepperModel, **options: Any) -> tuple[Trajectory | None, ...]:
-        """Time the curve of each leg by itself, to be executed one after the other: a hand closes in between.
+        """Time the curve of each leg separately, for example to close a hand between legs.
 
         Args:
             pepper: The robot.
-            **options: As of `retime`.
+            **options: Options of `retime`.
 
         Returns:
             The trajectory of each leg, from rest to rest; None for a leg in which nothing moves.
 
         Raises:
             InvalidValueError: for a plan that is not solved.
-            InfeasibleError: as `trajectory.retime` does.
+            InfeasibleError: if a leg cannot be timed within limits.
         """
         if not self.success:
             raise InvalidValueError(
@@ -143,18 +143,18 @@ class PlanInLegs(FrozenArrays):
     def check(
         self, pepper: PepperModel, trajectories: Sequence[Trajectory | None], **limits: Any
     ) -> tuple[Certificate | None, ...]:
-        """Check the trajectory of each leg in the world of that leg, with what the robot carries there.
+        """Check the trajectory of each leg in the world of that leg, with attached objects.
 
         Args:
             pepper: The robot.
-            trajectories: Of the legs, as `retime_legs` returns them.
-            **limits: As of `trajectory.check`.
+            trajectories: Trajectories of the legs, as `retime_legs` returns them.
+            **limits: Options of `trajectory.check`.
 
         Returns:
-            The certificate of each leg; None where there is no trajectory.
+            The certificate of each leg; None for a leg without trajectory.
 
         Raises:
-            InvalidValueError: for another number of trajectories than of legs, or as `check` does.
+            InvalidValueError: if the numbers of trajectories and legs differ, or an option is not allowed.
         """
         timed = list(trajectories) if isinstance(trajectories, (list, tuple)) else []
         known = all(one is None or isinstance(one, Trajectory) for one in timed)
@@ -168,7 +168,7 @@ class PlanInLegs(FrozenArrays):
         )
 
     def report(self) -> str:
-        """Say what was found for each leg, or which leg failed, why and what to try."""
+        """Return in words the result of each leg, and for a failed leg the reason and what to try."""
         lines = [f"Leg {k + 1} of {self.count}: {one.report()}" for k, one in enumerate(self.plans)]
         return "\n".join(lines)
 
@@ -190,30 +190,34 @@ def plan_legs(
 ) -> PlanInLegs:
     """Plan through several goals, with separate constraints, soft costs and changes of the world.
 
-    Where legs meet, the configuration meets the constraints of both: goals that are tasks are solved with
-    them.  Every leg has a curve that was examined as `plan` does, for its constraints too; the robot rests
-    in between.  Where there is no way on from a goal's solution, or the robot cannot hold there what it picks
-    up, the legs are planned again from other seeds.
+    Where legs meet, the configuration meets the constraints of both; goals that are tasks are solved with
+    both.  The curve of every leg is examined as by `plan`, including its constraints; the robot rests in
+    between.  If the next leg cannot be planned from a goal's solution, or the robot cannot hold there the
+    object that it picks up, the legs are planned again with other seeds.
 
     Args:
         pepper: The robot.
         start: Start configuration [rad or m], shape (n,), which meets the constraints of the first leg.
-        legs: What to do, one after the other.
+        legs: The legs, in order.
         scene: The world around the robot, until a leg changes it.
-        joints: As of `plan`, for legs that name none.
-        margin: As of `plan`, for all legs [m].
-        least_margin: As of `plan`, for all legs [m].
-        seed: As of `plan`.
+        joints: Joints that may move on legs that name none; None: joints in which a leg's start and goals
+            differ.
+        margin: Requested distance to all bodies, for all legs [m]; it is relaxed if necessary, as by `plan`.
+        least_margin: Distance that all curves are proven to keep from the scene [m], from 0 to `margin`.
+        seed: Seed of all random choices.
         timeout: Time budget [s], shared by the legs.
-        balance: As of `plan`, for all legs.
-        torque_scale: As of `plan`, for all legs.
-        payload: As of `plan`, for all legs.
+        balance: Distance that the center of mass keeps from the edges of the wheels' triangle [m]; "robot"
+            for the robot's requirement; None to leave balance out.
+        torque_scale: Fraction of the effort limits for holding torques; "robot" for the robot's requirement.
+        payload: Point masses held at "left", "right" or a frame by name [kg], in addition to attached
+            objects.
 
     Returns:
         The plans of all legs up to the first that failed, of the attempt that got farthest.
 
     Raises:
-        InvalidValueError: for no leg, a `Leg.scene` that is or returns no scene, or what `plan` refuses.
+        InvalidValueError: for no leg, a `Leg.scene` that is or returns no scene, or an argument that `plan`
+            refuses.
         LimitError: for a start or goal outside the joint limits, naming the joint.
         UnknownNameError: for an unknown joint, frame or group.
     """
@@ -232,7 +236,7 @@ def plan_legs(
             q_start, Scene() if scene is None else scene, seed + _APART * attempt, attempt > 0
         )
         best = max(best, found, key=lambda made: (sum(one.success for one, _ in made), len(made)))
-        # Where the first leg fails, no other solution of a goal will help; nor is there always time for one.
+        # If the first leg fails, no other solution of a goal helps; or the time may be up.
         if found[-1][0].success or len(found) == 1 or working_time() >= begin + timeout:
             break
     plans, scenes = zip(*best, strict=True)
@@ -245,10 +249,10 @@ class _LegSearch:
 
     Attributes:
         pepper: The robot.
-        legs: What to do.
-        kept: The constraints of each leg.
-        deadline: When planning has to end, on the clock of `working_time` [s].
-        options: The same for all legs; `joints` where a leg names none.
+        legs: The legs.
+        kept: Constraints of each leg.
+        deadline: Time at which planning has to end, on the clock of `working_time` [s].
+        options: Options of all legs; `joints` for legs that name none.
     """
 
     pepper: PepperModel
@@ -261,9 +265,9 @@ class _LegSearch:
         """Return the plan and the world of each leg up to the first that fails.
 
         Args:
-            start: Where the first leg begins [rad or m], shape (n,).
-            scene: The world before it.
-            seed: Of all random choices.
+            start: Start configuration of the first leg [rad or m], shape (n,).
+            scene: World before the first leg.
+            seed: Seed of all random choices.
             select: Whether goals are replaced by solutions from which the next leg can begin.
         """
         found: list[tuple[Plan, Scene]] = []
@@ -292,12 +296,12 @@ class _LegSearch:
         Tasks are solved with the constraints of the next leg, too.
 
         Args:
-            k: Number of the leg.
-            q: Where it begins.
-            world: The world of the leg.
-            seed: Of the solutions.
-            select: Whether tasks are replaced by solutions from which the next leg can begin, if there are
-                such and the world changes there.
+            k: Index of the leg.
+            q: Start configuration of the leg [rad or m], shape (n,).
+            world: World of the leg.
+            seed: Seed of the solutions.
+            select: Whether tasks are replaced by solutions from which the next leg can begin, if the world
+                changes there and solutions exist.
         """
         leg, more = self.legs[k], self.kept[k + 1] if k + 1 < len(self.legs) else ()
         goal = with_constraints(leg.goal, [task for task in more if task not in self.kept[k]])
@@ -318,7 +322,7 @@ class _LegSearch:
         return goal
 
     def _can_begin(self, k: int, world: Scene, q: Array) -> bool:
-        """Return whether leg k can begin at q [rad or m], shape (n,), in the world before its change."""
+        """Return whether leg k can begin at q [rad or m], shape (n,), given the world before its change."""
         scene, options = _scene_of(self.legs[k], k, world, q), self.options
         held = static_limits(self.pepper, options.balance, options.payload, scene, options.torque_scale).hold(
             q[None]
@@ -327,7 +331,7 @@ class _LegSearch:
 
 
 def _checked(legs: Sequence[Leg]) -> list[Leg]:
-    """Return legs as a list, or refuse them."""
+    """Return legs as a list; refuse items of other types."""
     legs = list(legs) if isinstance(legs, Iterable) else [legs]
     if not legs or not all(isinstance(leg, Leg) for leg in legs):
         raise InvalidValueError("legs", repr(legs), "one or more of motion.Leg")
@@ -338,7 +342,7 @@ def _checked(legs: Sequence[Leg]) -> list[Leg]:
 
 
 def _scene_of(leg: Leg, k: int, before: Scene, q: Array) -> Scene:
-    """Return the world of leg k, from that of the leg before and where it begins [rad or m], shape (n,)."""
+    """Return the world of leg k, from the previous leg's world and the start q [rad or m], shape (n,)."""
     if leg.scene is None or isinstance(leg.scene, Scene):
         return before if leg.scene is None else leg.scene
     found = leg.scene(before, q.copy())

@@ -1,4 +1,4 @@
-"""Motion among things that change: what is commanded in each cycle ends in a stop that is clear of them."""
+"""Motion in a changing world: the command of each cycle ends in a stop that is free of collision."""
 
 from __future__ import annotations
 
@@ -37,24 +37,24 @@ from pepper_kin.trajectory.samples import TIME_TOLERANCE, State, refuse_other_jo
 from pepper_kin.trajectory.stop import limits_of, stop_within
 
 COMMITTED = 2
-"""Cycles that a robot goes on before the stop begins that it was sent."""
+"""Number of cycles for which the robot continues its motion before the stop that it was sent begins."""
 
-_STEP = 0.0025  # [s] between states that are compared
-_STILL = 0.003  # [m] kept from what stands and between own parts, which states 2.5 ms apart stand for
-_BRANCH = 0.15  # [s] until a motion leaves its way for one that is still to be planned
-_LOOKS_AHEAD = (0.5, 1.0, 0.2, 2.0)  # [s] at which obstacles stand that move, for plans one after the other
-_LAG = 0.3  # [s] by which a robot may be behind what it was sent
-_SLOWEST = 20.0  # times as slow, a way that is given
+_STEP = 0.0025  # time between states that are checked [s]
+_STILL = 0.003  # margin to static obstacles and own parts at states 2.5 ms apart [m]
+_BRANCH = 0.15  # time until a motion leaves its way for a way still to be planned [s]
+_LOOKS_AHEAD = (0.5, 1.0, 0.2, 2.0)  # times for which moving obstacles are predicted, in successive plans [s]
+_LAG = 0.3  # maximum lag of the measured state behind the command [s]
+_SLOWEST = 20.0  # maximum slow-down of a given way
 _SAME = 1e-6  # [rad or m]
 _AT_GOAL = 1e-9  # [rad or m]
 _INSTANT = 1e-3  # [s]
 _ASIDE = "which does not step aside: set a goal out of the way, or stop what comes"
-_LOOKED_AT = 60  # states of a way, where it is asked which joints go out of the way
-_HIGHEST = 12  # coefficients of polynomials of which more stops are made than the one that is sent
+_LOOKED_AT = 60  # number of states of a way at which joints that move aside are determined
+_HIGHEST = 12  # maximum number of polynomial coefficients of a way along which further stops are computed
 
 
 class LiveStatus(ResultStatus):
-    """What a live motion does."""
+    """Status of a live motion."""
 
     REACHED = "reached", "The robot stands at the goal: set another one."
     MOVING = "moving", "The robot goes to the goal: call `step` again in time."
@@ -65,21 +65,21 @@ class LiveStatus(ResultStatus):
 
 @dataclass(frozen=True)
 class LiveState(BriefRepr):
-    """What a robot is to do from one cycle on.
+    """Command of one cycle.
 
     Attributes:
-        trajectory: The motion from `begin` on: committed for two cycles, then the stop.  Whoever is sent
-            nothing newer comes to rest by it.
-        begin: When it begins, on the caller's clock [s].
-        status: What is done.
-        reason: Why the robot does not go to the goal, and what runs into it at rest; else empty.
-        near: Names of the two that come too near, where that is a reason; else empty.
-        stop: The stop in it; None at rest.
-        clear: Whether all of it was found clear of the newest scene.
+        trajectory: Motion from `begin` on: committed for two cycles, then the stop.  Without a newer command,
+            the robot comes to rest along it.
+        begin: Start time of the trajectory on the caller's clock [s].
+        status: Status of the motion.
+        reason: Why the robot does not go to the goal, or what approaches it at rest; else empty.
+        near: Names of the two bodies that come too near, if that is a reason; else empty.
+        stop: The stop in the trajectory; None at rest.
+        clear: Whether the whole trajectory is clear of the newest scene.
         spent: Processor time of the cycle [s].
-        searching: Whether a search for a way was paused, to go on in the next cycle.
-        aside: Joints that the goal leaves where they are and that go out of the way, such as "HeadYaw by
-            0.12 rad".
+        searching: Whether a search was paused, to continue in the next cycle.
+        aside: Joints that the goal does not move but that move to avoid collisions, such as "HeadYaw by 0.12
+            rad".
     """
 
     trajectory: Trajectory
@@ -99,7 +99,7 @@ class LiveState(BriefRepr):
         return f"{self.status.value}{why}.{words_for_aside(self.aside)} {self.status.advice}"
 
     def at(self, now: float) -> State:
-        """Return position, velocity and acceleration at a time of the caller's clock [s], shape (n,) each."""
+        """Return position, velocity and acceleration at a time on the caller's clock [s], shape (n,) each."""
         local = min(max(now - self.begin, 0.0), self.trajectory.duration)
         found = self.trajectory(local)
         if now - self.begin > self.trajectory.duration:
@@ -109,25 +109,25 @@ class LiveState(BriefRepr):
 
 
 class _World:
-    """A scene, and what it is compared by, made once where it is needed."""
+    """A scene, and its collision checkers, created at their first use."""
 
     def __init__(self, pepper: PepperModel, scene: Scene) -> None:
         self.pepper, self.scene = pepper, scene
 
     @cached_property
     def standing(self) -> FastChecker:
-        """Checks the robot with itself and what stands."""
+        """Checker of the robot with itself and static obstacles."""
         return fast_checker_for(self.pepper, self.scene.standing, _STILL, 0.0)
 
     @cached_property
     def moving(self) -> tuple[tuple[Movers, FastChecker], ...]:
-        """What moves, in groups, and what checks the robot with each."""
+        """Groups of moving obstacles, each with a checker of the robot with the group."""
         groups = movers_of(self.pepper, self.scene)
         return tuple((movers, fast_checker_for(movers.robot, movers.scene)) for movers in groups)
 
 
 class LiveMotion:
-    """A robot's motion to goals that change, among obstacles that move.
+    """A robot's motion to changing goals among moving obstacles.
 
         live = LiveMotion(pepper, start, scene)
         live.set_goal(goal)
@@ -136,29 +136,29 @@ class LiveMotion:
             state = live.step(now())
             command(state.at(now()).position)
 
-    In every cycle the motion is compared with the newest scene: the two cycles to which the robot is
-    committed and a stop after them, at a distance that grows by the obstacles' uncertainty; and the way
-    beyond, as far as the horizon, with where the obstacles are predicted.  Where the first is not clear, the
-    robot is on the stop of the cycle before, which was.  The way is straight to the goal from the motion that
-    there is (`Trajectory.replaced`), or planned from where the robot can stop: a search pauses where a cycle
-    has spent its budget, and goes on in the next.  A robot that stands does not step aside.  States every
-    2.5 ms keep 3 mm from what stands, and between the robot's own parts; between these half of what start and
-    goal keep where that is less, and where only a planned way leads to the goal, less again.
+    In every cycle the motion is checked against the newest scene: the two committed cycles and the stop after
+    them, with a margin that grows by the obstacles' uncertainty; and the rest of the way, up to the horizon,
+    with the obstacles' predicted positions.  If the committed part is not clear, the robot follows the stop
+    of the previous cycle, which was clear.  The way goes straight to the goal from the current motion
+    (`Trajectory.replaced`), or is planned from where the robot can stop: a search pauses when the cycle's
+    budget is used up, and continues in the next cycle.  A robot at rest does not step aside.  States every
+    2.5 ms keep 3 mm from static obstacles and between the robot's own parts; between own parts, half the
+    distance at start and goal if that is less, and still less if only a planned way leads to the goal.
 
     Args:
-        pepper: The robot, whose limits are kept: see `PepperModel.with_limits` for a careful one.
-        start: Where it stands [rad or m], shape (n,).
-        scene: The world; one given here does not become old.  None for the robot alone.
-        rate: Cycles a second [1/s].
-        horizon: How far the way is looked ahead, and how old a scene may be [s].
-        margin: Distance kept from obstacles that move, besides their uncertainty [m].
-        delay: By how much the robot is behind what is commanded, at most [s]: obstacles may be as far from
-            where they are compared as they come in it.
-        tolerance: By how much a measured state may be off the motion, joint by joint [rad or m].
+        pepper: The robot, whose limits are kept; `PepperModel.with_limits` returns a more careful one.
+        start: Joint positions at rest [rad or m], shape (n,).
+        scene: The world, which does not expire if given here; None for the robot alone.
+        rate: Rate of cycles [1/s].
+        horizon: Time ahead for which the way is checked, and maximum age of a scene [s].
+        margin: Distance kept from moving obstacles, in addition to their uncertainty [m].
+        delay: Maximum delay of the robot behind the command [s]; obstacles may move in that time.
+        tolerance: Maximum deviation of a measured joint position from the motion [rad or m].
         torque: Whether torques are kept within their limits.
-        torque_scale: As in `retime`; "robot" for that of `pepper.requirements`.
-        balance: As in `retime` [m]; "robot" for that of `pepper.requirements`; None to leave it out.
-        budget: Time that a cycle may search for a plan [s]; None for a tenth of a cycle.
+        torque_scale: Fraction of the effort limits to use, in (0, 1]; "robot" for the robot's requirement.
+        balance: Distance that the zero-moment point keeps from the edges of the wheels' triangle [m]; "robot"
+            for the robot's requirement; None to leave balance out.
+        budget: Search time of a cycle [s]; None for a tenth of a cycle.
 
     Attributes:
         pepper: The robot.
@@ -211,29 +211,29 @@ class LiveMotion:
         self._unlimited = () if torque else ("torque",)
         self._given: Trajectory | None = None
         self._search = SlicedSearch(pepper, self._margin, budget, self._limits)
-        self._branch: tuple[Trajectory, float] | None = None  # way to where what is searched begins, and when
+        self._branch: tuple[Trajectory, float] | None = None  # way to the searched motion's start; its time
         self._attempts = 0
         if bool(in_collision(pepper, rest, self._world.scene)):
             raise InvalidValueError("start", "a configuration in contact", "one that touches nothing")
 
     @property
     def goal(self) -> Array | None:
-        """Where to go [rad or m], shape (n,); None where there is nothing to go to."""
+        """Goal configuration [rad or m], shape (n,); None if there is no goal."""
         return self._goal
 
     @property
     def trajectory(self) -> Trajectory:
-        """What the last cycle returned; an instant of rest before the first."""
+        """Trajectory of the last cycle; an instant of rest before the first cycle."""
         return self._sent[0]
 
     def set_goal(self, goal: ArrayLike | None, way: Trajectory | None = None) -> None:
-        """Set where to go [rad or m], shape (n,); None to stop.
+        """Set the goal, or None to stop.
 
         Args:
-            goal: Where to go.
-            way: A motion that ends there, best one that begins where the robot is.  It is gone along, slower
-                where limits of velocity or acceleration ask for that, if it is clear in the next cycle and
-                keeps the other limits then; a robot in motion joins it.  Else, and after a stop, the live
+            goal: Goal configuration [rad or m], shape (n,).
+            way: A motion that ends at the goal, preferably one that begins where the robot is.  The robot
+                follows it, slowed down to velocity and acceleration limits, if it is clear in the next cycle
+                and keeps the other limits; a robot in motion joins it.  Otherwise, and after a stop, the live
                 motion finds its own way.
 
         Raises:
@@ -252,7 +252,7 @@ class LiveMotion:
         self._own = own_margin(self._world.standing.exact, ends, self._own)
 
     def _within_limits(self, way: Trajectory, goal: Array) -> Trajectory | None:
-        """Return a way to a goal, shape (n,), so slow that it keeps all limits; None where it never does."""
+        """Return a way to a goal, shape (n,), slowed down to keep all limits; None if that is impossible."""
         refuse_other_joints(self.pepper, way.joint_names)
         if not _is_at(way.end, goal):
             raise InvalidValueError("way", "one that ends elsewhere", "one that ends at the goal")
@@ -264,7 +264,7 @@ class LiveMotion:
         return None if set(found.failures) - set(self._unlimited) else slow
 
     def set_scene(self, scene: Scene | None, time: float) -> None:
-        """Set the world as it was seen at a time of the caller's clock [s], its own time 0.
+        """Set the world as observed at a time on the caller's clock [s], which is the scene's time 0.
 
         Raises:
             InvalidValueError: for another type, attached objects with mass, or a time that is not finite.
@@ -275,7 +275,7 @@ class LiveMotion:
         self._world, self._seen, self._ages = self._checked(scene), seen, True
 
     def _checked(self, scene: Scene | None) -> _World:
-        """Return a scene as it is compared; its loads are not counted, and so refused."""
+        """Return a scene for checks; refuse attached masses, which torques do not count."""
         world = checked_world(scene) or ROBOT_ALONE
         heavy = [name for name, held in world.attached.items() if held.mass] if self._limits["torque"] else []
         if heavy:
@@ -284,10 +284,10 @@ class LiveMotion:
         return _World(self.pepper, world)
 
     def set_state(self, q: ArrayLike, time: float) -> None:
-        """Report measured positions [rad or m], shape (n,), at a time of the caller's clock [s].
+        """Report measured positions [rad or m], shape (n,), at a time on the caller's clock [s].
 
-        Where they are further from the motion than the tolerance, at any time up to 0.3 s before, or are no
-        numbers, the robot is stopped, and stays halted.
+        The robot is stopped and stays halted if the positions are not finite, or deviate by more than the
+        tolerance from the motion at all times up to 0.3 s before.
         """
         measured = np.asarray(q, dtype=float)
         if measured.shape != (self.pepper.n,) or not np.isfinite(measured).all():
@@ -305,7 +305,7 @@ class LiveMotion:
             self._fault = f"{name} is {least:.3f} off the motion, tolerance {self._tolerance:g}"
 
     def step(self, now: float) -> LiveState:
-        """Do one cycle at a time of the caller's clock [s], and return what the robot is to do."""
+        """Run one cycle at a time on the caller's clock [s], and return the robot's command."""
         began = time.thread_time()
         instant = as_real(now)
         if not math.isfinite(instant) or instant < self._begin:
@@ -326,7 +326,7 @@ class LiveMotion:
         )  # fmt: skip
 
     def _comes_near(self, now: float) -> tuple[float, tuple[str, ...], str] | None:
-        """Return when what comes too near to a robot at rest [s], both names, and words; None if nothing."""
+        """Return the time until something comes too near to a robot at rest [s], names and words; or None."""
         self._blocked, self._near, q, when = "", (), self._sent[0].end, 0.0
         exact = self._world.standing.exact
         if self._world.standing.nearer(q[None], np.array([self._own])).any():
@@ -344,7 +344,7 @@ class LiveMotion:
         return when, self._near, f"{self._blocked}{soon} while the robot stands, {_ASIDE}"
 
     def _come_to(self, now: float) -> None:
-        """Cut off what is past of the way, which is the stop where no cycle came in time."""
+        """Cut off the past part of the way; the way is the stop if no cycle came in time."""
         here = max(now - self._begin, 0.0) if math.isfinite(self._begin) else 0.0
         if here > self._committed:
             self._way, self._braking = self._sent[0], True
@@ -356,7 +356,7 @@ class LiveMotion:
         return way.between(here, way.duration) if here > 0.0 else way
 
     def _choose(self, now: float) -> tuple[LiveStatus, str, bool]:
-        """Decide what the robot is sent; return the status, its reason and whether it is clear."""
+        """Choose the trajectory to send; return the status, its reason and whether it is clear."""
         old, self._blocked = now - self._seen if self._ages else 0.0, ""
         reason = self._fault
         if not reason and old > self._horizon:
@@ -378,7 +378,7 @@ class LiveMotion:
         return status, reason or self._blocked, clear
 
     def _ways(self, now: float) -> Iterator[tuple[Trajectory, str]]:
-        """Yield ways to be on, the best first, and why they do not lead to the goal; empty where they do."""
+        """Yield possible ways, the best first, and why they do not lead to the goal; empty if they do."""
         if self._goal is None:
             if not self._braking:
                 sent = self._stop_of(self._way)
@@ -401,12 +401,12 @@ class LiveMotion:
         return not self._touches(way, min(way.duration, self._horizon), now, growing=False)
 
     def _is_free(self, way: Trajectory) -> bool:
-        """Whether all of a way is free of what stands."""
+        """Whether a whole way is free of static obstacles."""
         times = np.linspace(0.0, way.duration, math.ceil(way.duration / _STEP) + 1)
         return not self._meets_standing(way(times).position)
 
     def _is_nearly_free(self, way: Trajectory) -> bool:
-        """Whether a way is free where own parts keep less, which they do from then on."""
+        """Whether a way is free with a smaller margin of own parts, which is then kept from now on."""
         kept, self._own = self._own, 0.0
         if not self._is_free(way):
             self._own = kept
@@ -420,7 +420,7 @@ class LiveMotion:
         return True
 
     def _along_given(self, now: float) -> Iterator[Trajectory]:
-        """Yield the way that was given with the goal, once."""
+        """Yield the way that was given with the goal, one time."""
         given, self._given = self._given, None
         if given is not None and not _stands(self._way):
             yield from self._replaced(given)
@@ -432,7 +432,7 @@ class LiveMotion:
         yield from self._replaced(self._goal)
 
     def _replaced(self, by: Array | Trajectory) -> Iterator[Trajectory]:
-        """Yield the way to a goal, or onto another motion, from where the robot is committed to."""
+        """Yield the way to a goal, or onto another motion, from the end of the committed part."""
         at = 0.0 if _stands(self._way) else min(COMMITTED * self._cycle, self._way.duration)
         try:
             found = self._way.replaced(self.pepper, at, by, **self._limits)
@@ -441,9 +441,9 @@ class LiveMotion:
         yield found.trajectory
 
     def _planned(self, now: float) -> Iterator[Trajectory]:
-        """Yield the way with what was planned, if that is there and the robot can still take it.
+        """Yield ways along the planned motion, if it is ready and can still be reached.
 
-        Joined in motion first, then after the stop at whose end it begins.
+        First it is joined in motion, then after the stop at whose end it begins.
         """
         if self._branch is None:
             self._ask(now)
@@ -462,11 +462,11 @@ class LiveMotion:
             yield answer if _stands(before) else before.then(answer)
 
     def _ask(self, now: float) -> None:
-        """Begin a search from where the robot will stand, or could."""
+        """Begin a search from where the robot will stop, or could stop."""
         if self._goal is None or self._branch is not None or not _is_plain(self._way):
             return
         before = self._way
-        if _is_at(before.end, self._goal) and before.duration > _BRANCH:  # else it stops anyway
+        if _is_at(before.end, self._goal) and before.duration > _BRANCH:  # otherwise it stops anyway
             try:
                 stop = before.stop(self.pepper, _BRANCH, **self._limits)
             except InfeasibleError:
@@ -477,7 +477,7 @@ class LiveMotion:
         self._attempts, self._branch = self._attempts + 1, (before, now)
 
     def _send(self, way: Trajectory, now: float) -> bool:
-        """Take a way, as far as it is committed, and a stop, if both are clear; return whether they are."""
+        """Send the committed part of a way and a stop, if both are clear; return whether they are."""
         sent = self._stop_of(way)
         if sent is None or (not _stands(way) and self._touches(sent[0], sent[0].duration, now)):
             return False
@@ -486,7 +486,7 @@ class LiveMotion:
         return True
 
     def _stop_of(self, way: Trajectory) -> tuple[Trajectory, Stop | None] | None:
-        """Return the committed part of a way and its stop; None where it has none."""
+        """Return the committed part of a way joined with its stop, and the stop; None if it cannot stop."""
         at = COMMITTED * self._cycle
         if _stands(way) or way.duration <= at + _INSTANT or (self._braking and way is self._way):
             return way, None
@@ -497,7 +497,7 @@ class LiveMotion:
         return way.between(0.0, at).then(stop.trajectory), stop
 
     def _brake(self, now: float) -> bool:
-        """Stay on the stop that was sent last; return whether it is clear still."""
+        """Continue the stop that was sent last; return whether it is still clear."""
         sent, stop = self._sent
         here = max(now - self._past[-1][0], 0.0) if self._past else 0.0
         self._way = self._rest_of(sent, here)
@@ -505,12 +505,12 @@ class LiveMotion:
         return _stands(self._way) or not self._touches(self._way, self._way.duration, now)
 
     def _touches(self, way: Trajectory, end: float, now: float, growing: bool = True) -> bool:
-        """Whether something comes too near on a way that begins now; what it is goes to `_blocked`.
+        """Whether something comes too near on a way that begins now; its name is stored in `_blocked`.
 
         Args:
             way: The way.
-            end: The time of it up to which it is looked at [s].
-            now: The time [s].
+            end: Time of the way up to which it is checked [s].
+            now: Current time [s].
             growing: Whether the obstacles' uncertainty counts.
         """
         times = np.linspace(0.0, end, math.ceil(end / _STEP) + 1)
@@ -526,7 +526,7 @@ class LiveMotion:
         return bool(found.any())
 
     def _nearest(self, q: Array) -> tuple[str, ...]:
-        """Return the names of what comes too near at q, shape (n,) [rad or m]."""
+        """Return the names of the bodies that come too near at q [rad or m], shape (n,)."""
         exact = self._world.standing.exact
         for table in exact.dependent_ranges:
             if table.violated(q, self._own / RANGE_RADIUS):
@@ -537,7 +537,7 @@ class LiveMotion:
         return () if pair is None else pair.names
 
     def _meets_movers(self, times: Array, states: State, now: float, growing: bool) -> int | None:
-        """Return the first of some states at which something that moves comes too near; None for none."""
+        """Return the index of the first state at which a moving obstacle comes too near, or None."""
         if not self._world.moving:
             return None
         since = np.maximum(times + (now - self._seen), 0.0)
@@ -558,13 +558,13 @@ class LiveMotion:
         return None
 
     def _note(self, names: tuple[str, ...]) -> None:
-        """Note which two come too near."""
+        """Store the names of two bodies that come too near."""
         if names:
             self._near, self._blocked = names, f"{' and '.join(names)} come too near"
 
 
 def _standing(pepper: PepperModel, q: Array) -> Trajectory:
-    """Return an instant of rest."""
+    """Return a trajectory of an instant of rest at q [rad or m], shape (n,)."""
     return Trajectory(pepper.joint_names, np.array([0.0, _INSTANT]), q[None, None], pepper.joint_units)
 
 
@@ -573,7 +573,7 @@ def _stands(way: Trajectory) -> bool:
 
 
 def _is_plain(way: Trajectory) -> bool:
-    """Whether a way is of low degree: a stop along it has twice that, and so on."""
+    """Whether a way has a low degree: the degree of a stop along it is twice as high."""
     return way.coefficients.shape[1] <= _HIGHEST
 
 
@@ -582,7 +582,7 @@ def _is_at(q: Array, goal: Array) -> bool:
 
 
 def _meet(first: Trajectory, second: Trajectory, committed: float) -> bool:
-    """Whether two ways are the same for the time to which a robot is committed [s]."""
+    """Whether two ways agree during the committed time [s]."""
     for at in (0.0, committed):
         a, b = (way(min(at, way.duration)) for way in (first, second))
         if np.abs(a.position - b.position).max() > 1e-7 or np.abs(a.velocity - b.velocity).max() > 1e-6:

@@ -1,4 +1,4 @@
-"""Margins along a path: how they are relaxed where no path keeps them, and what a curve is proven to keep."""
+"""Margins along a path: their relaxation if no path keeps them, and the margin proven along a curve."""
 
 from __future__ import annotations
 
@@ -27,23 +27,22 @@ from pepper_kin.motion.problem import (
 from pepper_kin.trajectory.path import CubicPath
 
 LEAST_SEARCHED = SHORTEST
-"""The smallest margin that is searched with [m]: the curve keeps half of it at states that lie so near to one
-another that nothing touches in between."""
+"""Smallest margin of a search [m]: the curve keeps half of it at states between which nothing touches."""
 
 FIRST_SHARE = 0.5
-"""Share of the time in which the requested margin is searched with; smaller ones share the rest."""
+"""Fraction of the time for a search with the requested margin; smaller margins share the rest."""
 
-_SMALLER = (0.5, 0.25, 0.125)  # of the margin requested
-_HALVINGS = 6  # of the margin, when it is asked what a curve keeps
-_LOOKED_AT = 60  # states of a path, where it is asked what is nearest
-_NEAR = 0.02  # [m] what is farther away is not in the way
+_SMALLER = (0.5, 0.25, 0.125)  # smaller margins, relative to the requested one
+_HALVINGS = 6  # bisection steps when the margin of a curve is determined
+_LOOKED_AT = 60  # number of states of a path at which the nearest body is determined
+_NEAR = 0.02  # distance beyond which a body is not in the way [m]
 
 
 def checked_least(margin: float, least: float) -> float:
-    """Return the margin that must be kept all along [m].
+    """Return the margin that the whole curve must keep [m].
 
     Raises:
-        InvalidValueError: for what is no distance from 0 to the margin, or a margin that is none.
+        InvalidValueError: for a value outside [0, margin], or an invalid margin.
     """
     checked_margin(margin)
     if not 0.0 <= as_real(least) <= margin:
@@ -54,15 +53,15 @@ def checked_least(margin: float, least: float) -> float:
 def falling_problems(
     checks: Checks, ends: Ends, margins: tuple[float, float], resolution: float = RESOLUTION
 ) -> Iterator[tuple[PathProblem, float]]:
-    """Yield the problem at margins that fall, and the share of the time at which the search of each ends.
+    """Yield the problem at decreasing margins, and the fraction of the time at which each search ends.
 
-    Margins that make no difference, since start or goal do not keep them, are left out.
+    Margins that make no difference, because start or goal do not keep them, are left out.
 
     Args:
         checks: The robot in its scene.
-        ends: Start and goals, and which part of the requested margin they keep.
-        margins: The margin requested, and what must be kept [m].
-        resolution: See `path_problem`.
+        ends: Start and goals, and the margins that they keep.
+        margins: Requested margin, and margin that must be kept [m].
+        resolution: Maximum distance between checked states, in the metric [m].
     """
     margin, least = margins
     start, goals, free, _, kept = ends
@@ -83,12 +82,12 @@ def falling_problems(
 
 
 def relaxation_sentence(problem: PathProblem, curve: CubicPath, margin: float) -> str:
-    """Return a sentence on a margin that was not kept as requested, and its value; empty where it was.
+    """Return a sentence on a margin that was reduced, and its value; empty if the requested one is kept.
 
     Args:
-        problem: What was planned, at the margin kept.
+        problem: The planning problem, with the margin that was kept.
         curve: The curve found.
-        margin: The margin requested [m].
+        margin: Requested margin [m].
     """
     kept = 1000 * problem.margins[0]
     if not problem.margins_relaxed:
@@ -101,15 +100,16 @@ def relaxation_sentence(problem: PathProblem, curve: CubicPath, margin: float) -
 
 
 def narrowest(problem: PathProblem, path: planners.Path | planners.CarCurve) -> str:
-    """Return a sentence on where a path of the joints that move passes nearest to something."""
+    """Return a sentence on the narrowest place along a path of the joints that move."""
     where = _nearest(problem, problem.embed(path(np.linspace(0.0, path.length, _LOOKED_AT))))
     return f" It is narrowest{where}." if where else ""
 
 
 def _nearest(problem: PathProblem, states: Array) -> str:
-    """Return words on what is nearest, and where, at configurations along a path, shape (m, n).
+    """Return words on the nearest bodies, and where, at configurations along a path, shape (m, n).
 
-    A thing of the scene is named before a part of the robot, whose margin is only what its joints leave.
+    An object of the scene is named in preference to a part of the robot, whose margin depends only on the
+    joints.
     """
     checks, where = problem.checks, "{:.0f} % along the path"
     kept = _greatest(lambda margin: bool(checks.free(states, margin).all()), _NEAR)
@@ -129,15 +129,15 @@ def _nearest(problem: PathProblem, states: Array) -> str:
 
 
 def own_margin(checker: CollisionChecker, ends: Iterable[Array], most: float) -> float:
-    """Return the distance that the robot's own parts keep on a motion [m], 0 where its ends leave none.
+    """Return the margin between the robot's own parts on a motion [m], 0 if its ends leave none.
 
-    It is at most half of what they keep at the ends, since joints near one another have to move.  Ends at
-    which they touch do not count: no motion goes there.
+    It is at most half of the parts' distance at the ends, since joints near one another have to move.  Ends
+    in contact do not count: no motion goes there.
 
     Args:
-        checker: Of the robot and what it holds.
-        ends: Ends of the motion, shape (n,) each [rad or m].
-        most: The most that is kept [m].
+        checker: Collision checker of the robot and attached objects.
+        ends: Ends of the motion [rad or m], shape (n,) each.
+        most: Maximum margin [m].
     """
     kept, ranges = most, checker.dependent_ranges
     for q in ends:
@@ -155,15 +155,15 @@ def proven_margin(
 ) -> float:
     """Return a distance that is proven to be kept from the scene at every point of a curve [m].
 
-    The greatest is sought among multiples of a 64th of the most.  0 says that the curve has been examined at
+    The maximum is searched among multiples of a 64th of `most`.  0 means that the curve has been examined at
     states half a millimeter apart, none of which touches anything.
 
     Args:
         pepper: The robot.
-        scene: The world around it, with what it holds.
-        path: Way-points, shape (k, n).
-        curve: The curve; None where the robot stays at the only way-point.
-        most: The most that is asked for [m].
+        scene: The world around the robot, with attached objects.
+        path: Way-points [rad or m], shape (k, n).
+        curve: The curve; None if the robot stays at the only way-point.
+        most: Maximum distance to prove [m].
     """
     checks = Checks(pepper, scene)
     if curve is None:
@@ -172,7 +172,7 @@ def proven_margin(
 
 
 def _greatest(holds: Callable[[float], bool], most: float) -> float:
-    """Return about the greatest number up to the most that holds, if smaller ones do."""
+    """Return by bisection about the largest number up to `most` for which `holds` is true."""
     if holds(most):
         return most
     low, high = 0.0, most

@@ -1,4 +1,4 @@
-"""Plans that begin in motion: straight on, by a planned way that is joined, or after a stop."""
+"""Plans that begin in motion: straight to the goal, by joining a planned motion, or after a stop."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from pepper_kin.trajectory import Splice, Trajectory, retime
 from pepper_kin.trajectory.splice import MovingStart
 from pepper_kin.trajectory.stop import least_clearance
 
-_LINE = 1.0  # [s] of the motion straight on, along which a robot of which only a velocity is known may stop
-_ROUNDING = 1e-9  # of a velocity limit
+_LINE = 1.0  # duration of the straight motion along which a robot with a known velocity may stop [s]
+_ROUNDING = 1e-9  # rounding tolerance, relative to a velocity limit
 
 _WAYS = {
     "straight": "Straight on from motion to the goal.",
@@ -36,20 +36,20 @@ _WAYS = {
 def way_on(
     moving: MovingStart, goals: Array, search: Callable[[Array], Plan], **limits: Any
 ) -> tuple[Splice | None, Plan | None]:
-    """Return the way of a robot in motion to a goal, None for none, and the plan where one was needed.
+    """Return the motion to a goal of a robot in motion, or None, and the plan if one was needed.
 
-    Straight with the accelerations that keep all limits, if that touches nothing.  Else along a plan from
-    where it can stop, or, where something is in the way of that, from where it is, joined in motion; else
-    straight with lower accelerations; else after the stop.
+    First the straight motion with full accelerations is tried; then joining the motion along a plan from
+    where the robot can stop, or from its current position if the stop is obstructed; then a straight motion
+    with lower accelerations; then the plan after the stop.
 
     Args:
         moving: The robot in motion.
-        goals: Configurations, shape (m, n); none where planning has to find them.
-        search: Returns a plan from a configuration, shape (n,).
-        **limits: Of the planned way, as of `retime`.
+        goals: Goal configurations [rad or m], shape (m, n); m = 0 if planning has to find them.
+        search: Function that returns a plan from a configuration, shape (n,).
+        **limits: Options of `retime` for the planned motion.
 
     Raises:
-        InfeasibleError: where the robot cannot stop, or the planned way cannot be timed.
+        InfeasibleError: if the robot cannot stop, or the plan cannot be timed.
     """
     found = _straight(moving, goals, 1.0)
     if found is not None:
@@ -69,7 +69,7 @@ def way_on(
 
 
 def _straight(moving: MovingStart, goals: Array, *least: float) -> Splice | None:
-    """Return the soonest straight way to one of the goals, shape (m, n)."""
+    """Return the shortest straight motion in time to one of the goals, shape (m, n), or None."""
     ways = [way for goal in goals if (way := moving.straight(goal, [], *least)) is not None]
     return min(ways, key=lambda way: way.trajectory.duration, default=None)
 
@@ -77,18 +77,17 @@ def _straight(moving: MovingStart, goals: Array, *least: float) -> Splice | None
 def plan_in_motion(asked: PlanRequest, search: Callable[[PlanRequest], Plan]) -> Plan:
     """Plan a motion that begins with a velocity; see `plan`.
 
-    The robot goes straight on where that keeps half the margin, as curves of plans do; else it joins a
-    planned way, as `replan` does.  A stop comes first where no way on in motion was found; `Plan.splice` and
-    the message say which it is.  Where nothing keeps half the margin, ways that keep the least margin are
-    tried.
+    The robot goes straight to the goal if that keeps half the margin, as curves of plans do; else it joins a
+    planned motion, as `replan` does; else it stops first.  `Plan.splice` and the message tell which.  If
+    nothing keeps half the margin, motions that keep the minimum margin are tried.
 
     Args:
-        asked: What was asked for, with `start_velocity`, in a scene that stands.
-        search: Plans without velocity.
+        asked: The request with `start_velocity`, in a static scene.
+        search: Function that plans without velocity.
 
     Raises:
-        InvalidValueError: as for `plan`.
-        LimitError: as for `plan`.
+        InvalidValueError: for options that cannot be combined with `start_velocity`, or that `plan` refuses.
+        LimitError: for a start or goal outside the joint limits, or a velocity beyond its limit.
     """
     pepper, goal, options = asked.pepper, asked.goal, asked.options
     joints = options.joints
@@ -135,7 +134,7 @@ def plan_in_motion(asked: PlanRequest, search: Callable[[PlanRequest], Plan]) ->
 
 
 def _line(pepper: PepperModel, start: Array, options: PlanOptions) -> tuple[Array, Trajectory]:
-    """Return the start's velocity, shape (n,), and the motion straight on with it."""
+    """Return the start's velocity, shape (n,), and a motion from the start with constant velocity."""
     assert options.start_velocity is not None
     velocity = np.array(as_joint_vector(pepper, options.start_velocity, "start_velocity"))
     most = pepper.velocity_limits
@@ -154,7 +153,7 @@ def _line(pepper: PepperModel, start: Array, options: PlanOptions) -> tuple[Arra
 
 
 def _no_room(pepper: PepperModel, start: Array, velocity: Array) -> str:
-    """Return which joint cannot stop within its position limits, in a sentence; empty where all can."""
+    """Return a sentence on a joint that cannot stop within its position limits; empty if all can."""
     room = np.where(velocity > 0.0, pepper.upper_limits - start, start - pepper.lower_limits)
     needed = velocity**2 / (2.0 * pepper.acceleration_limits)
     j = int(np.argmax(needed - room))
@@ -169,7 +168,7 @@ def _since(request: CheckedRequest) -> float:
 
 
 def _solved(request: CheckedRequest, found: Splice, way: Plan | None) -> Plan:
-    """Return the plan of a way that was found, and of the plan that it needed."""
+    """Return the plan with the motion found, based on the plan without velocity if there was one."""
     pepper, scene, motion = request.checks.pepper, request.checks.exact.scene, found.trajectory
     path = read_only(np.concatenate([motion(motion.breaks[:-1]).position, motion.end[None]]))
     base = request.ended(PlanStatus.SOLVED, "") if way is None else way

@@ -9,7 +9,7 @@ from pepper_kin.arrays import Array
 from pepper_kin.motion.plan_result import PlanStatus
 from pepper_kin.motion.problem import PathProblem
 
-_STATES = 40  # motions; where they end is looked at by coal, one to two milliseconds each
+_STATES = 40  # number of motions whose ends are examined by coal, one to two milliseconds each
 
 _SHUT_IN = {
     planners.Status.START_SHUT_IN: PlanStatus.START_SHUT_IN,
@@ -23,13 +23,13 @@ def why_no_path(
     seed: int,
     manifold: planners.ConstraintManifold | None = None,
 ) -> tuple[PlanStatus, str]:
-    """Return the status of a search without a path, and a sentence that names what was most often in the way.
+    """Return the status of a search without a path, and a sentence that names the most frequent obstruction.
 
     Args:
-        problem: What was planned, at the least margin that was tried.
-        result: What the planner returned.
-        seed: Seed of the motions that are tried to find out.
-        manifold: The constraints that the motions have to keep; None for none.
+        problem: The planning problem, at the smallest margin that was tried.
+        result: Result of the planner.
+        seed: Seed of the trial motions that find the obstruction.
+        manifold: Constraints that the trial motions have to keep; None for none.
     """
     message = f"No path: {result.states_checked} configurations were checked in {result.time:.2f} s"
     status = _SHUT_IN.get(result.status, PlanStatus.NO_PATH_IN_TIME)
@@ -55,12 +55,12 @@ def why_no_path(
 
 
 def in_the_way(problem: PathProblem, states: Array, others: Counter[str] | None = None) -> str:
-    """Return a sentence that names what stops the robot most often; empty where nothing does.
+    """Return a sentence that names the most frequent obstruction of motions; empty if there is none.
 
     Args:
-        problem: What was planned.
-        states: Configurations at which motions were stopped, shape (m, n).
-        others: How many more motions were stopped by what else, such as constraints.
+        problem: The planning problem.
+        states: Configurations at which motions were stopped [rad or m], shape (m, n).
+        others: Other reason, such as a constraint -> number of further motions that it stopped.
     """
     checker, counts = problem.checks.exact.with_margins(*problem.margins), Counter(others or {})
     links = Counter[tuple[str, str]]()

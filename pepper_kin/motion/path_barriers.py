@@ -1,4 +1,4 @@
-"""Penalties that keep a whole path away from contact and from torques that cannot be held."""
+"""Penalties that keep a path away from contact and from torques that cannot be held."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ from pepper_kin.motion.optimization.moving import Moving
 from pepper_kin.motion.optimization.range_term import RangeTerm
 from pepper_kin.motion.optimization.torque_term import TorqueTerm
 
-_HELD = 0.95  # of the efforts, to hold still
-_KEPT_ANGLE = 0.05  # of `RangeTerm`'s influence
-_KEPT_DISTANCE = 0.004  # [m] beyond the margin
-_OF_START = 0.8  # of what the start keeps: no path has to flee from where it begins
-_NEAR = 0.1  # [m] that counts as 1
-_PAIRS = 8  # of a state, the nearest
+_HELD = 0.95  # fraction of the efforts that holding still may take
+_KEPT_ANGLE = 0.05  # margin to forbidden joint ranges, relative to `RangeTerm`'s influence distance
+_KEPT_DISTANCE = 0.004  # distance kept beyond the margin [m]
+_OF_START = 0.8  # maximum distance kept, relative to the start's: a path need not leave its start
+_NEAR = 0.1  # distance that counts as a shortage of 1 [m]
+_PAIRS = 8  # number of nearest pairs of bodies counted in each state
 
 
 class PathBarriers:
-    """Shares by which states lack what they should keep, below 0, and 0 where they keep it.
+    """Relative shortages of states: 0 if a requirement is kept, negative if it is violated.
 
-    They are of joint ranges that depend on another joint, of torques that hold still, and of distances.
+    The requirements are joint ranges that depend on another joint, holding torques, and distances.
 
     Args:
         pepper: The robot.
         efforts: Torques that count as 1 [N m or N], shape (n,), inf for none.
-        loads: What is carried.
-        checker: Measures distances; None leaves them out, which is quicker.
+        loads: Carried loads.
+        checker: Collision checker that measures distances; None leaves distances out, which is quicker.
         margin: Distance to keep [m].
-        start: Where a path begins [rad or m], shape (n,): what is near there may stay as near.
+        start: Start of the path [rad or m], shape (n,): bodies that are near there may stay about as near.
     """
 
     def __init__(
@@ -52,7 +52,7 @@ class PathBarriers:
             self._keep = float(np.min(_OF_START * near, initial=self._keep))
 
     def __call__(self, q: Array) -> tuple[Array, Array]:
-        """Return the shares, shape (K, r), and their derivatives, shape (K, r, n), at q, shape (K, n)."""
+        """Return the shortages, shape (K, r), and their Jacobians, shape (K, r, n), at q, shape (K, n)."""
         still = self._torques.rows(q, 0.0 * q, 0.0 * q)
         sign = -np.sign(still.value)[:, :, None]
         found = [(_HELD - np.abs(still.value), sign * still.by_position)]
@@ -65,7 +65,7 @@ class PathBarriers:
         return np.minimum(lack, 0.0), np.where(lack[:, :, None] < 0.0, slopes, 0.0)
 
     def overloaded(self, q: Array) -> tuple[int, str, float]:
-        """Return which of K states, shape (K, n), takes most of a joint's effort, its name, and how much."""
+        """Return the most loaded of states q, shape (K, n), its joint, and the fraction of the effort."""
         share = np.abs(self._torques.values(q, 0.0 * q, 0.0 * q))
         if not share.size:
             return 0, "", 0.0

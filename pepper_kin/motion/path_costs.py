@@ -1,4 +1,4 @@
-"""Soft costs along a path: prices of configurations, compiled, and their integral along a curve."""
+"""Soft costs along a path: compiled prices of configurations, and their integral along a curve."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     import casadi
 
 SAMPLES = 24
-"""Of a piece of a curve, over which a cost is summed."""
+"""Number of samples of each piece of a curve over which a cost is summed."""
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -37,15 +37,15 @@ class PathCost:
         hand = pk.symbolic.frame_pose(pepper, "LArm_effector")
         high = pk.motion.PathCost(pepper, lambda q: 20 * (1.1 - hand(q)[2, 3]) ** 2)
 
-    Lengths are those of the planners' metric, |b dq| with b_j the farthest that joint j moves a point of the
-    body, see `pepper_kin.collision.motion_tree.motion_bounds`.  Where w c is 1, a piece of the path counts
-    twice its length.
+    Lengths are measured in the planners' metric, |b dq|, with b_j the maximum distance that joint j moves a
+    point of the body, see `pepper_kin.collision.motion_tree.motion_bounds`.  Where w c is 1, a piece of the
+    path counts twice its length.
 
     Attributes:
         source: The function q -> c(q), serialized by CasADi.
-        joint_names: Joints of the robot that it was made for; its constants are that robot's.
-        weight: w.
-        label: What it is, in words.
+        joint_names: Joints of the robot that the cost was made for, whose constants it contains.
+        weight: Weight w.
+        label: Name of the cost, in words.
     """
 
     source: str
@@ -60,14 +60,13 @@ class PathCost:
 
         Args:
             pepper: The robot.
-            function: From q, a column `casadi.SX` of n joint positions [rad or m], to one expression; what
-                `pk.symbolic` returns may be called in it.  Where it is negative it counts as 0.
-            weight: w, above zero.
-            label: What it is, in words.
+            function: Function from q, a column `casadi.SX` of n joint positions [rad or m], to one
+                expression, in which functions of `pk.symbolic` may be called.  Negative values count as 0.
+            weight: Weight w, above zero.
+            label: Name of the cost, in words.
 
         Raises:
-            InvalidValueError: for a function that does not return one expression of q, or a weight that is
-                none.
+            InvalidValueError: for a function that does not return one expression of q, or an invalid weight.
         """
         source, _, count = expression_of(pepper, function, label)
         if count != 1:
@@ -77,7 +76,7 @@ class PathCost:
         )
 
     def values(self, q: Array) -> Array:
-        """Return w c at configurations, shape (m, n); shape (m,).
+        """Return the prices w c, shape (m,), at configurations q [rad or m], shape (m, n).
 
         Raises:
             InvalidValueError: for another shape, NaN or infinity.
@@ -93,9 +92,9 @@ class CostAlong(NamedTuple):
     Attributes:
         label: What it is.
         integral: Integral of the price along the curve [m].
-        before: The same along the plan that is made without costs [m]; infinite where there is none.
-        mean: Integral over length: the mean price.
-        highest: The highest price at a sample.
+        before: Integral of the price along the plan made without costs [m]; infinite if there is none.
+        mean: Mean price: integral divided by length.
+        highest: Maximum price at a sample.
     """
 
     label: str
@@ -106,7 +105,7 @@ class CostAlong(NamedTuple):
 
 
 class PathFigures(NamedTuple):
-    """Of a curve: its length in the metric [m], integrals, means and maxima of the prices, shapes (k,)."""
+    """Length of a curve in the metric [m]; integrals [m], means and maxima of the prices, shape (k,) each."""
 
     length: float
     integrals: Array
@@ -115,7 +114,7 @@ class PathFigures(NamedTuple):
 
     @property
     def total(self) -> float:
-        """Length and all integrals [m]."""
+        """Sum of the length and all integrals [m]."""
         return self.length + float(self.integrals.sum())
 
 
@@ -138,11 +137,11 @@ class PathCosts:
 
     @classmethod
     def of(cls, pepper: PepperModel, requested: Sequence[PathCost | Task | TaskGroup]) -> PathCosts:
-        """Return costs checked, groups of tasks taken apart.
+        """Return requested costs after checks, with groups of tasks split.
 
         Raises:
-            InvalidValueError: for something else than costs and tasks, costs of a robot with other joints,
-                a task with several targets, or one of infinite tolerance.
+            InvalidValueError: for items other than costs and tasks, costs of a robot with other joints, a
+                task with several targets, or an infinite tolerance.
             UnknownNameError: for a frame or joint that the robot lacks.
         """
         if not isinstance(requested, (PathCost, Task, TaskGroup, Iterable)) or isinstance(requested, str):
@@ -161,11 +160,11 @@ class PathCosts:
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """What the costs are, in words."""
+        """Names of the costs, in words."""
         return (*(cost.label for cost in self.costs), *(task.name for task in self.tasks))
 
     def prices(self, q: Array) -> Array:
-        """Return the price of each cost at configurations, shape (m, n); shape (m, k)."""
+        """Return the price of each cost, shape (m, k), at configurations q [rad or m], shape (m, n)."""
         if self._compiled:
             found = np.asarray(self._kernel(q, self._numbers))[:, 1 + self.pepper.n :]
             return np.maximum(found, 0.0)
@@ -176,16 +175,16 @@ class PathCosts:
         return np.stack(columns, axis=1)
 
     def for_planner(self, frozen: Array, free: NDArray[np.int64]) -> planners.StateCost:
-        """Return the sum of the prices as planners take it.
+        """Return the sum of the prices as a cost for planners.
 
         Args:
-            frozen: A whole configuration [rad or m], shape (n,): what the other joints keep.
+            frozen: A whole configuration with the other joints' positions [rad or m], shape (n,).
             free: Indices of the joints that move, shape (k,).
         """
         if not self._compiled:
             return planners.StateCost(self._in_python(frozen, free), int(free.size))
         kernel, kernel_input = self._kernel, np.concatenate([frozen, self._numbers])
-        width = self.pepper.n + len(self.labels)  # the single prices follow the gradient
+        width = self.pepper.n + len(self.labels)  # the individual prices follow the gradient
         (written,), work = kernel.signature.output_sizes, kernel.work_size
         address = kernel.address_of("single", inputs=kernel_input.size, outputs=written, work=work)
         code = planners.CompiledManifold(
@@ -211,11 +210,11 @@ class PathCosts:
         return PathFigures(length, integrals, integrals / length, highest)
 
     def along(self, found: PathFigures, before: PathFigures | None) -> tuple[CostAlong, ...]:
-        """Return what a plan states.
+        """Return the costs that a plan reports.
 
         Args:
-            found: Along its curve.
-            before: Along that without costs.
+            found: Figures along the plan's curve.
+            before: Figures along the curve of the plan without costs; None if there is none.
         """
         old = np.full(len(self.labels), np.inf) if before is None else before.integrals
         rows = zip(self.labels, found.integrals, old, found.means, found.highest, strict=True)
@@ -233,7 +232,7 @@ class PathCosts:
 
     @property
     def _kernel(self) -> Kernel:
-        """That of `_expression`."""
+        """The compiled kernel of the costs."""
         sources = tuple(cost.source for cost in self.costs)
         return _kernel(self.pepper, sources, soft_structures(self.tasks) or ())
 
@@ -243,7 +242,7 @@ class PathCosts:
         The prices have shape (m, 1), the gradients shape (m, 1, k).
 
         Args:
-            frozen: A whole configuration [rad or m], shape (n,): what the other joints keep.
+            frozen: A whole configuration with the other joints' positions [rad or m], shape (n,).
             free: Indices of the joints that move, shape (k,).
         """
         tasks = [InPython(self.pepper, (task,), frozen, free) for task in self.tasks]
@@ -268,7 +267,7 @@ class PathCosts:
 
 @kept_for_robot(most=64)
 def _kernel(pepper: PepperModel, sources: tuple[str, ...], structures: tuple[TaskStructure, ...]) -> Kernel:
-    """Return the kernel of `_expression`."""
+    """Return the compiled kernel of prices and their gradient."""
     by = source_digest(*SOURCES, __name__)
     key = f"path costs {sources!r} {structures!r} of {robot_digest(pepper)} by {by}"
     return compile_function(lambda: _expression(pepper, sources, structures), key=key)
@@ -277,7 +276,7 @@ def _kernel(pepper: PepperModel, sources: tuple[str, ...], structures: tuple[Tas
 def _expression(
     pepper: PepperModel, sources: Sequence[str], structures: tuple[TaskStructure, ...]
 ) -> casadi.Function:
-    """Return the function (q, targets and weights) -> sum of prices, its gradient by q, single prices."""
+    """Return the CasADi function (q, targets and weights) -> sum of prices, its gradient, each price."""
     import casadi
 
     q = casadi.SX.sym("q", pepper.n)

@@ -1,9 +1,9 @@
-"""Search, short-cuts, rounding and examination of a motion, in one call of machine code.
+"""Search, short-cuts, smoothing and examination of a path, in one call of machine code.
 
-`run` is the whole way from ends to an examined curve, by the functions that `planners` offers one by one.
-It returns early where an array is full, time is up, or something else has to decide; `PathSearch` provides
-its arrays, which are kept for the next call, supplies what is missing, and calls it again from the stage that
-comes next.
+`run` does all steps from start and goals to an examined curve, with functions that `planners` offers
+separately.  It returns early if an array is full, time is up, or Python has to decide; `PathSearch` provides
+the arrays, which are reused by the next call, supplies what is missing, and calls `run` again from the next
+stage.
 """
 
 from __future__ import annotations
@@ -71,42 +71,41 @@ from pepper_kin.planners.compiled import PathTable as Route
 from pepper_kin.trajectory.path import LIMIT_TOLERANCE, SAME, known_path
 
 SHORTCUTS_TO_COMPARE, GAIN_TO_COMPARE, GAIN_OF_OTHER = 40, 0.02, 0.01
-"""Short-cuts tried before other goals are, what each has to save, and what another goal has to, as parts of
-the length."""
+"""Number of short-cuts tried before other goals, minimum gain of each, and minimum gain of another goal;
+gains are relative to the length."""
 SHORTCUTS, PATIENCE, LEAST_GAIN = 120, 60, 0.005
-"""Short-cuts tried on the way that is rounded, after how many in a row without a gain no more are, and what
-each has to save as a part of the length."""
+"""Maximum number of short-cuts before smoothing, number of successive ones without a gain that ends them, and
+minimum gain of each, relative to the length."""
 FEWEST, MOST = 6, 48
-"""Segments of a path that is rounded everywhere alike: as many, doubled until it is clear, up to the most."""
+"""Minimum and maximum number of segments of a uniformly smoothed path; it is doubled until it is clear."""
 
 SINES = ((1, 1.1), (2, 1.1), (3, 1.1), (1, 1.25), (2, 1.25))
-"""Sines, and the factor of their amplitudes, of the first curves tried; see `sine_waypoints`.  They have no
-corners, and make motions quicker than a rounded path does."""
+"""Numbers of sines, and factors of amplitudes, of the curves tried first; see `sine_waypoints`."""
 
 SAMPLES_TO_FIRST = 512
-"""Samples of a search for a path to the goal that is preferred, before one to all goals."""
+"""Number of samples of a search for a path to the preferred goal, before a search to all goals."""
 
 SHARE_OF_TIME = 0.02
-"""Part of the time budget that the former may take where they are not made together with the search."""
+"""Fraction of the time budget for short-cuts before other goals, if they are not part of the search."""
 
-# Where a call begins.
+# Stages at which a call may begin.
 SEARCH, SHORTEN, SHORTEN_ON, ROUNDING = range(4)
 
-# How a call ends.
+# Statuses of a call.
 DONE, SEARCH_ENDED, OUT_OF_TIME, TOO_MANY_POINTS, LEAVES_LIMITS, NOT_CLEAR = range(6)
 
-_NODES, _POINTS = 4096, 512  # of a workspace: nodes of each tree, points of a line
-_LOOKED_AT = 8  # states of a straight way before all of it
+_NODES, _POINTS = 4096, 512  # sizes of a workspace: nodes of each tree, points of a line
+_LOOKED_AT = 8  # number of states checked first on a straight way
 
 
 class PlannerPath(NamedTuple):
-    """The path of a search.
+    """Path of a search.
 
     Attributes:
-        points: Its points, shape (m, k), of which the first `size` count.
-        size: How many, shape (1,).
-        goal: The goal that it ends at, shape (1,).
-        cost: Its length in the metric, shape (1,).
+        points: Points of the path, shape (m, k), of which the first `size` count.
+        size: Number of points, shape (1,).
+        goal: Index of the goal that the path ends at, shape (1,).
+        cost: Length of the path in the metric, shape (1,).
     """
 
     points: Floats2
@@ -116,13 +115,13 @@ class PlannerPath(NamedTuple):
 
 
 class Spline(NamedTuple):
-    """A spline through way-points, which are few at first.
+    """A spline through way-points.
 
     Attributes:
         points: Way-points, shape (MOST + 1, n), of which the first segments[0] + 1 count.
-        breaks: Where segments begin and end, shape (MOST + 1,).
-        coefficients: Of each segment, constant first, shape (MOST, 4, n).
-        segments: How many, shape (1,).
+        breaks: Ends of the segments, shape (MOST + 1,).
+        coefficients: Coefficients of each segment, constant term first, shape (MOST, 4, n).
+        segments: Number of segments, shape (1,).
     """
 
     points: Floats2
@@ -132,23 +131,23 @@ class Spline(NamedTuple):
 
 
 class PlanningState(NamedTuple):
-    """What is planned, and how far it has come.
+    """Data of a path search for compiled functions.
 
     Attributes:
-        space: Box, metric and validity of the k joints that move, of which the memory is `check.moving`.
+        space: Box, metric and validity of the k joints that move; its memory is `check.moving`.
         check: Checks of whole configurations.
         ends: Start, shape (k,), and goals, shape (m, k).
-        compare: Whether the path may end at another goal where that is nearer.
+        compare: Whether the path may end at another goal if that makes it shorter.
         prefer: Whether the first goal is preferred to nearer ones, if there is a path to it.
-        free: Places of the joints that move, shape (k,).
+        free: Indices of the joints that move, shape (k,).
         limits: Lower and upper limits of all joints, shape (2, n).
-        reach: How far a joint moves a point of the body, shape (n,), see `motion_bounds`.
-        margins: Kept by the path to the scene and to the robot itself [m].
-        relaxed: Kept by the curve [m].
-        strictly: Whether its margin to the scene is to be proven at every point.
-        trees: Of the search.
+        reach: Bounds on how far each joint moves a point of the body, shape (n,), see `motion_bounds`.
+        margins: Margins of the path to the scene and of the robot to itself [m], shape (2,).
+        relaxed: Margins of the curve [m], shape (2,).
+        strictly: Whether the curve's margin to the scene must be proven at every point.
+        trees: Trees of the search.
         line: The path that is shortened.
-        found: Receives the path of the search; as many rows as `line`.
+        found: Receives the path of the search; it has as many rows as `line`.
         spline: Receives the spline through few points of the shortened path.
     """
 
@@ -178,7 +177,7 @@ def _copy_row(source: Array, target: Array) -> None:
 
 @compiled
 def _begin_shortening(state: PlanningState, size: int) -> None:
-    """Get the first points of `line` ready to be shortened."""
+    """Prepare the first `size` points of `line` for shortening."""
     line, weights = state.line, state.space.weights
     measure(line.points, size, weights, line.lengths[0])
     line.counters[ITERATIONS] = line.counters[GAINED] = 0
@@ -187,9 +186,9 @@ def _begin_shortening(state: PlanningState, size: int) -> None:
 
 @compiled
 def _compare_goals(state: PlanningState, key: np.uint64) -> None:
-    """Let the path end at another goal where that makes it shorter; see `rejoin`.
+    """Let the path end at another goal if that makes it shorter; see `rejoin`.
 
-    The few short-cuts are all tried, however slow the machine is: the path must not depend on its load.
+    All short-cuts are tried regardless of time, so that the path does not depend on the machine's load.
     """
     line, space, size = state.line, state.space, state.line.counters[SIZE]
     _begin_shortening(state, size)
@@ -211,13 +210,13 @@ def _compare_goals(state: PlanningState, key: np.uint64) -> None:
 
 @compiled
 def _write_waypoints(state: PlanningState, size: int, waves: int, scale: float) -> None:
-    """Write the way-points of the rounded path, see `rounded_waypoints`, or of sines; see `sine_waypoints`.
+    """Write the way-points of the smoothed path, see `rounded_waypoints`, or of sines; see `sine_waypoints`.
 
     Args:
-        state: What is planned.
+        state: Data of the search.
         size: Number of points of the path.
-        waves: Number of sines; 0 for the rounded path.
-        scale: Factor of their amplitudes.
+        waves: Number of sines; 0 for the smoothed path.
+        scale: Factor of the sines' amplitudes.
     """
     points, segments, standing = state.spline.points, state.spline.segments[0], state.check.standing
     path, lengths = state.line.points[:size], state.line.lengths[0][:size]
@@ -242,9 +241,9 @@ def _write_waypoints(state: PlanningState, size: int, waves: int, scale: float) 
 
 @compiled
 def _try_spline(state: PlanningState, margins: Floats1, waves: int, scale: float) -> int:
-    """Write the spline through way-points, see `_write_waypoints`; return DONE if it is clear at margins [m].
+    """Write the spline through way-points, see `_write_waypoints`, and examine it at margins [m].
 
-    Otherwise LEAVES_LIMITS or NOT_CLEAR.
+    Return DONE if it is clear, LEAVES_LIMITS or NOT_CLEAR.
     """
     spline, segments, size = state.spline, state.spline.segments[0], state.line.counters[SIZE]
     measure(state.line.points, size, state.space.weights, state.line.lengths[0])
@@ -261,7 +260,7 @@ def _try_spline(state: PlanningState, margins: Floats1, waves: int, scale: float
 
 @compiled
 def _round(state: PlanningState) -> int:
-    """Look for few way-points whose spline is clear: of sines, then along a path rounded everywhere alike."""
+    """Search few way-points whose spline is clear: of sines, then along a uniformly smoothed path."""
     count = state.spline.segments
     if count[0] == FEWEST and state.line.counters[SIZE] > 2:
         for waves, scale in SINES:
@@ -277,10 +276,10 @@ def _round(state: PlanningState) -> int:
 
 @compiled
 def _is_straight(state: PlanningState) -> bool:
-    """Whether the straight way to the nearest goal keeps the path's margins all along; write it if so.
+    """Whether the straight way to the nearest goal keeps the path's margins everywhere; write it if so.
 
-    A search would find the same path, and the examination the same curve.  States all along are looked at
-    before.
+    A search would find the same path, and its examination the same curve.  Some states along the way are
+    checked first.
     """
     space, line, goal = state.space, state.line, state.ends.order[0]
     if state.spline.segments[0] > MOST:
@@ -299,7 +298,7 @@ def _is_straight(state: PlanningState) -> bool:
 
 @compiled
 def _keep_found(state: PlanningState) -> None:
-    """Keep the path in `line` as that of the search."""
+    """Copy the path in `line` to `found`, as the path of the search."""
     line, found = state.line, state.found
     size = found.size[0] = line.counters[SIZE]
     for k in range(size):
@@ -310,9 +309,9 @@ def _keep_found(state: PlanningState) -> None:
 
 @compiled
 def _find(state: PlanningState, seconds: float, key: np.uint64, shortcut_key: np.uint64) -> bool:
-    """Write the path of a first round of search into `line` and `found`; return whether there is one.
+    """Write the path of a first round of search to `line` and `found`; return whether there is one.
 
-    See `rrt_connect`.
+    The search is `rrt_connect`.
     """
     space, trees, line, found, ends = state.space, state.trees, state.line, state.found, state.ends
     set_margins(state.check.moving, state.margins[0], state.margins[1], state.check.radius)
@@ -337,20 +336,20 @@ def _find(state: PlanningState, seconds: float, key: np.uint64, shortcut_key: np
 
 @compiled("int64(PlanningState, int64, float64, uint64, uint64)")
 def run(state: PlanningState, stage: int, seconds: float, key: np.uint64, shortcut_key: np.uint64) -> int:
-    """Search a path, shorten and round it, and examine the curve.
+    """Search a path, shorten and smooth it, and examine the curve.
 
     Args:
-        state: What is planned, and how far it has come.
-        stage: Where to begin: SEARCH; SHORTEN a path in `line`; SHORTEN_ON where the last call has ended; or
-            ROUNDING of a path in `line` that is short.
+        state: Data of the search.
+        stage: First stage: SEARCH; SHORTEN, for a path in `line`; SHORTEN_ON, to continue the last call; or
+            ROUNDING, for a short path in `line`.
         seconds: Time budget of search and short-cuts [s].
-        key: Of the stream of random numbers of the search.
-        shortcut_key: Of that of the short-cuts.
+        key: Key of the random stream of the search.
+        shortcut_key: Key of the random stream of the short-cuts.
 
     Returns:
-        DONE, with the way-points of `spline`; SEARCH_ENDED where the search has to go on elsewhere or found
-        nothing; OUT_OF_TIME or TOO_MANY_POINTS while it shortens; LEAVES_LIMITS where the spline through the
-        way-points does; NOT_CLEAR where none of the splines is.
+        DONE, with the way-points in `spline`; SEARCH_ENDED if the search found nothing yet; OUT_OF_TIME or
+        TOO_MANY_POINTS while shortening; LEAVES_LIMITS if the spline leaves the position limits; NOT_CLEAR if
+        no spline is clear.
     """
     space, line, check, margins = state.space, state.line, state.check, state.margins
     set_margins(check.moving, margins[0], margins[1], check.radius)
@@ -376,7 +375,7 @@ def run(state: PlanningState, stage: int, seconds: float, key: np.uint64, shortc
 
 
 class _Workspace(NamedTuple):
-    """Arrays of one call, kept for the next one of the same sizes."""
+    """Arrays of one call, reused by the next call of the same sizes."""
 
     trees: Trees
     line: Polyline
@@ -389,7 +388,7 @@ _local = threading.local()
 
 @contextmanager
 def _workspace(n: int, k: int) -> Iterator[_Workspace]:
-    """Lend arrays for n joints of which k move."""
+    """Provide arrays for n joints of which k move, until the context ends."""
     kept: dict[tuple[int, int], _Workspace] = _local.__dict__.setdefault("kept", {})
     workspace = kept.pop((n, k), None)
     if workspace is None:
@@ -403,13 +402,13 @@ def _workspace(n: int, k: int) -> Iterator[_Workspace]:
 
 
 class PathSearch:
-    """One motion on its way to an examined curve.
+    """Search of one path up to an examined curve.
 
     Args:
         problem: The planning problem.
         seed: Seed of all random choices.
-        timeout: Time budget of search and short-cuts [s]; the latter may take a twentieth more.
-        clock: What measures it, and says when to pause; None for time that nothing stops.
+        timeout: Time budget of search and short-cuts [s]; short-cuts may take a twentieth more.
+        clock: Clock that measures the time and tells when to pause; None to search without pauses.
     """
 
     def __init__(
@@ -420,15 +419,15 @@ class PathSearch:
         self._keys = stream_key(seed, 0), stream_key(seed, STREAM)
 
     def searched(self, compare: bool) -> tuple[planners.Result, Way | None]:
-        """Return what a search found, and the way along it; None where no spline was found that is clear.
+        """Return the result of a search, and the examined way; None if no clear spline was found.
 
         Args:
-            compare: Whether the path may end at another goal where that is nearer.
+            compare: Whether the path may end at another goal if that makes it shorter.
         """
         return whole(self.searching(compare))
 
     def searching(self, compare: bool) -> Slices[tuple[planners.Result, Way | None]]:
-        """Do what `searched` does, with pauses."""
+        """Search in slices, with pauses; the final value is the result of `searched`."""
         problem = self._problem
         with _workspace(problem.start.size, problem.free.size) as workspace:
             workspace.trees.counters[:] = 0
@@ -441,11 +440,11 @@ class PathSearch:
         return result, None if result.path is None else (yield from self.shortening(result.path))
 
     def along(self, path: planners.Path) -> Way | None:
-        """Shorten and round a valid path; return None where no spline was found that is clear."""
+        """Shorten and smooth a valid path; return None if no clear spline was found."""
         return whole(self.shortening(path))
 
     def shortening(self, path: planners.Path) -> Slices[Way | None]:
-        """Do what `along` does, with pauses."""
+        """Shorten and smooth in slices, with pauses; the final value is the result of `along`."""
         problem, short, stage = self._problem, path, SHORTEN
         if not problem.checks.compiled:
             stage = ROUNDING
@@ -464,12 +463,12 @@ class PathSearch:
             return self._rounded(state, status, path)
 
     def _state(self, workspace: _Workspace, compare: bool) -> PlanningState:
-        """Return what is planned, where nothing has been done yet."""
+        """Return the initial data of the search."""
         problem, box, goals = self._problem, self._problem.box, self._problem.moving_goals
         check = problem.checks.of_motion(problem.start, problem.free)
         workspace.line.counters[:] = 0
         bounded = math.isfinite(np.vdot(problem.reach, problem.reach))
-        workspace.spline.segments[0] = FEWEST if bounded else MOST + 1  # each curve has different bounds
+        workspace.spline.segments[0] = FEWEST if bounded else MOST + 1  # bounds differ by curve
         space = SearchSpace(
             validity=problem.checks.edges,
             memory=check.moving,
@@ -492,9 +491,9 @@ class PathSearch:
         )  # fmt: skip
 
     def _run(self, state: PlanningState, stage: int) -> Slices[tuple[int, PlanningState]]:
-        """Run to the end, whatever stops it meanwhile; return how it ended, and the state.
+        """Run to the end through all interruptions; return the status and the data.
 
-        What this thread keeps for checks may serve other motions in a pause, and is made ready again.
+        Other motions may use this thread's memory for checks in a pause, so it is prepared again.
         """
         checks, extended = self._problem.checks, False
         while True:
@@ -521,12 +520,12 @@ class PathSearch:
                 return status, state
 
     def _bent(self, state: PlanningState) -> Way | None:
-        """Return the curve through way-points that keeps the limits of joints, if it is clear."""
+        """Return the curve through way-points that keeps the position limits, if it is clear."""
         points = state.spline.points[: state.spline.segments[0] + 1].copy()
         return way_through(self._problem, points, self._problem.relaxed_margins)
 
     def _rounded(self, state: PlanningState, status: int, path: planners.Path | None = None) -> Way | None:
-        """Return the way that was found, or one that follows the path more closely."""
+        """Return the examined way, or one that follows the path more closely, or None."""
         points, breaks, coefficients, count = state.spline
         segments = int(count[0])
         if status == DONE:
@@ -550,7 +549,7 @@ class PathSearch:
         )  # fmt: skip
 
     def _elsewhere(self, trees: Trees) -> Slices[planners.Result]:
-        """Return the result of a search that goes on for longer, or of one that cannot begin."""
+        """Continue the search beyond the first round, or begin it without `run`; return its result."""
         problem, deadline = self._problem.search_problem, self._deadline
         if deadline.pauses:
             yield
@@ -565,7 +564,7 @@ class PathSearch:
 def compared(
     problem: planners.Problem, result: planners.Result, seed: int, timeout: float
 ) -> planners.Result:
-    """Return a search's result with a path that ends at another goal where that is nearer."""
+    """Return a search's result, with a path to another goal if that is shorter."""
     if result.path is None or len(problem.goals) == 1:
         return result
     short = planners.shortcut(

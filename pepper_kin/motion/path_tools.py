@@ -1,4 +1,4 @@
-"""Paths from elsewhere: made shorter and smooth, or denser."""
+"""Tools for given paths: shortening and smoothing, or interpolation."""
 
 from __future__ import annotations
 
@@ -46,31 +46,32 @@ def simplify_path(
     torque_scale: TorqueScale = "robot",
     payload: Mapping[str, float] | None = None,
 ) -> Plan:
-    """Make a valid path from elsewhere shorter, and smooth as `plan` makes its own.
+    """Shorten and smooth a valid path.
 
-    Short-cuts and rounding are those of `plan`, and so is the examination of the curve that is returned.
+    Short-cuts, smoothing and the examination of the returned curve are the same as in `plan`.
 
     Args:
         pepper: The robot.
-        path: Way-points [rad or m], shape (k, n), which straight edges join; a piecewise cubic curve; a plan;
-            or a trajectory, whose times are forgotten.
-        scene: The world around the robot, with what it holds.
-        margin: Distance kept to all things [m]; less where the path itself is nearer than that.
+        path: Way-points [rad or m], shape (k, n), joined by straight edges; a piecewise cubic curve; a plan;
+            or a trajectory, whose times are ignored.
+        scene: The world around the robot, with attached objects.
+        margin: Distance kept to all bodies [m]; less if the path itself is nearer.
         seed: Seed of the choice of short-cuts.
         timeout: Time budget of the short-cuts [s].
-        balance: As of `plan`: distance that the center of mass keeps from the edges of the wheels' triangle
-            [m], with 2 mm more to move with, on the path given and on the one returned.
-        torque_scale: As of `plan`.
-        payload: Point masses held at "left", "right" or a frame by name [kg], as of `plan`.
+        balance: Distance that the center of mass keeps from the edges of the wheels' triangle [m], with a
+            reserve of 2 mm, on the given and on the returned path; "robot" for the robot's requirement; None
+            to leave balance out.
+        torque_scale: Fraction of the effort limits for holding torques; "robot" for the robot's requirement.
+        payload: Point masses held at "left", "right" or a frame by name [kg].
 
     Returns:
-        A plan from the path's first state to its last, for `retime`; PATH_INVALID, with what is wrong where,
-        if the path is not valid itself.
+        A plan from the path's first state to its last, for `retime`; PATH_INVALID, with the fault and its
+        place, if the given path is not valid.
 
     Raises:
-        InvalidValueError: for a wrong shape, NaN, a margin below zero, a timeout of zero, a distance or mass
-            that is none, balance of a robot without wheels, or a path on which a differential base moves:
-            short-cuts would let it go sideways.
+        InvalidValueError: for a wrong shape, NaN, a margin below zero, a timeout of zero, an invalid distance
+            or mass, balance of a robot without wheels, or a path on which a differential base moves, because
+            short-cuts would let it move sideways.
         UnknownNameError: for a frame of the payload that the robot lacks.
         InfeasibleError: for a plan that failed, with its reason.
     """
@@ -111,9 +112,9 @@ def _margin_of(checks: Checks, points: Array, states: Array, free: NDArray[np.in
     Args:
         checks: The robot in its scene.
         points: Way-points [rad or m], shape (k, n).
-        states: States between them [rad or m], shape (m, n).
-        free: Places of the joints that move, shape (j,).
-        margin: The margin requested [m].
+        states: States between the way-points [rad or m], shape (m, n).
+        free: Indices of the joints that move, shape (j,).
+        margin: Requested margin [m].
     """
     while margin > LEAST_MARGIN:
         kept = checks.margins(points[0], points[1:], free, margin)
@@ -134,12 +135,12 @@ def _followed(path: CubicPath | Trajectory) -> Array:
 def interpolate_path(
     path: ArrayLike | PiecewiseCubic | PlannedPath, *, step: float | None = None, count: int | None = None
 ) -> Array:
-    """Return states along a path, curve or plan, as controllers and files want them.
+    """Return states along a path, curve or plan, for controllers and files.
 
     Args:
-        path: Way-points [rad or m], shape (k, n), k >= 2, which straight edges join; a piecewise cubic curve,
-            or a plan, whose curve is taken.
-        step: Greatest change of any joint from one state to the next [rad or m]; all way-points, or breaks of
+        path: Way-points [rad or m], shape (k, n), k >= 2, joined by straight edges; a piecewise cubic curve;
+            or a plan, whose curve is used.
+        step: Maximum change of any joint from one state to the next [rad or m]; all way-points, or breaks of
             the curve, are among the states.
         count: Number of states instead, at equal lengths of the polyline in joint space, or equal steps of
             the curve's parameter; first and last are the path's own.
@@ -177,7 +178,7 @@ def _even_on_curve(curve: CubicPath, count: int) -> Array:
 
 
 def _dense_on_curve(curve: CubicPath, step: float) -> Array:
-    """Return the ends of equal parts of each piece, on which no joint moves farther than a step."""
+    """Return the ends of equal parts of each piece on which no joint moves by more than a step [rad or m]."""
     step = check_positive("step", step, "[rad or m]")
     breaks, coefficients = curve.breaks, np.ascontiguousarray(curve.coefficients)
     spans = np.abs(_control_slopes(breaks, coefficients)).max(axis=(1, 2)) * np.diff(breaks)
@@ -191,11 +192,11 @@ def _dense_on_curve(curve: CubicPath, step: float) -> Array:
 
 
 def _control_slopes(breaks: Array, coefficients: Array) -> Array:
-    """Return control values of dq/ds, which bound it on each segment, shape (m, 3, n).
+    """Return Bernstein coefficients of dq/ds, which bound it on each segment, shape (m, 3, n).
 
     Args:
-        breaks: Where the cubic segments begin and end, shape (m + 1,).
-        coefficients: Of each segment in powers of the way since its begin, constant first, shape (m, 4, n).
+        breaks: Ends of the cubic segments, shape (m + 1,).
+        coefficients: Coefficients of each segment, constant term first, shape (m, 4, n).
     """
     h = np.diff(breaks)[:, None]
     first, second, third = coefficients[:, 1], coefficients[:, 2], coefficients[:, 3]

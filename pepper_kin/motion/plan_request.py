@@ -1,4 +1,4 @@
-"""Options of planning as one value, and a call of planning, checked, whose clock runs."""
+"""Options of planning as one value, and requests of planning before and after checks."""
 
 from __future__ import annotations
 
@@ -55,24 +55,24 @@ from pepper_kin.planners.compiled import (
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PlanOptions:
-    """The options of `plan`, which describes them in full, of `PlanProblem` and of planning in other ways.
+    """Options of `plan`, which describes them in full; `PlanProblem` and other planning functions share them.
 
     Attributes:
         planner: The planner's name.
-        joints: Joints that may move, by names of joints and groups; None: those in which start and goals
+        joints: Joints that may move, by names of joints and groups; None: joints in which start and goals
             differ.
         constraints: IK tasks kept along the whole path.
-        costs: Soft costs.
-        margin: Distance requested to all things [m].
+        costs: Soft costs to be minimized together with the length.
+        margin: Requested distance to all bodies [m].
         least_margin: Distance that the curve has to keep from the scene [m].
         seed: Seed of all random choices.
         timeout: Time budget [s].
-        gap: Of "aorrtc": where it stops.
-        balance: Distance of the center of mass from the edges of the wheels' triangle [m].
-        torque_scale: Share of the effort limits.
-        payload: Masses held [kg].
-        smooth: Whether to make the motion to execute, too.
-        start_velocity: With which the motion begins [rad/s or m/s], shape (n,); None: a path from rest.
+        gap: Relative excess over the straight line at which "aorrtc" stops.
+        balance: Minimum distance of the center of mass from the edges of the wheels' triangle [m].
+        torque_scale: Fraction of the effort limits.
+        payload: Point masses held at "left", "right" or a frame by name [kg].
+        smooth: Whether to compute the motion to execute, too.
+        start_velocity: Initial velocity of the motion [rad/s or m/s], shape (n,); None for a path from rest.
     """
 
     planner: str = "rrt_connect"
@@ -96,21 +96,22 @@ class PlanOptions:
 
     @property
     def margins(self) -> tuple[float, float]:
-        """Distance requested to all things, and what the curve has to keep from the scene [m]."""
+        """Requested distance to all bodies, and distance that the curve has to keep from the scene [m]."""
         return self.margin, self.least_margin
 
 
 @dataclass(frozen=True, eq=False)
 class PlanRequest:
-    """A call of planning, as a caller made it.
+    """A request of planning, before checks.
 
     Attributes:
         pepper: The robot.
         start: Start configuration [rad or m], shape (n,).
-        goal: Goal configuration, shape (n,), several, shape (m, n), or IK tasks, or lists of them.
+        goal: Goal configuration [rad or m], shape (n,), several, shape (m, n), or IK tasks, or lists of
+            tasks.
         scene: The world around the robot.
-        options: What else was asked for.
-        asks_coal: Whether coal decides what machine code cannot tell, which takes longer.
+        options: Options of planning.
+        asks_coal: Whether coal decides where machine code cannot, which takes longer.
     """
 
     pepper: PepperModel
@@ -125,14 +126,15 @@ class PlanRequest:
         return replace(self, options=replace(self.options, **options))
 
     def checked(self, name: str | None = None, now: Callable[[], float] = working_time) -> CheckedRequest:
-        """Check what was asked for, and load the code that it needs.
+        """Check the request, and load the code that it needs.
 
         Args:
-            name: The planner's name in the plan; None: as in the options.
-            now: The clock of its time budget [s].
+            name: Name of the planner in the plan; None for the name in the options.
+            now: Clock of the time budget [s].
 
         Raises:
-            InvalidValueError: for no robot, a wrong shape, NaN, and an option that is not allowed.
+            InvalidValueError: for another type than a robot, a wrong shape, NaN, or an option that is not
+                allowed.
             LimitError: for a start outside the joint limits, naming the joint.
             UnknownNameError: for an unknown frame.
         """
@@ -162,19 +164,19 @@ class PlanRequest:
 
 
 class CheckedRequest(NamedTuple):
-    """A call of planning whose arguments have been checked.
+    """A request of planning after checks.
 
     Attributes:
-        checks: The robot in its scene, and what a state has to keep.
+        checks: The robot in its scene, and checks of states.
         start: Start configuration within the limits [rad or m], shape (n,).
-        goal: One configuration, shape (n,), or several, shape (m, n) [rad or m]; or IK tasks, those on the
-            center of mass with what is carried, together with the constraints.
-        options: What was asked for.
+        goal: One configuration [rad or m], shape (n,), or several, shape (m, n); or IK tasks, together with
+            the constraints; tasks on the center of mass include carried loads.
+        options: Options of planning.
         seed: Seed of all random choices.
-        constraints: Tasks kept along the whole path, groups taken apart.
-        costs: Soft costs; None without.
-        ended: Makes the plan that is returned; its clock runs.
-        now: The clock [s].
+        constraints: Tasks kept along the whole path, with groups split.
+        costs: Soft costs; None for none.
+        ended: Function that makes the returned plan; its clock is running.
+        now: Clock [s].
     """
 
     checks: Checks
@@ -189,17 +191,17 @@ class CheckedRequest(NamedTuple):
 
     @property
     def deadline(self) -> float:
-        """When planning has to end, on the clock of `working_time` [s]."""
+        """Time at which planning has to end, on the clock of `working_time` [s]."""
         return self.ended.begin + self.options.timeout
 
     def left(self, share: float = 1.0) -> float:
-        """Return what is left of a share of the time budget [s], above zero."""
+        """Return the remaining time of a fraction of the time budget [s], above zero."""
         return max(self.ended.begin + share * self.options.timeout - self.now(), 1e-3)
 
 
 @kept_for_robot(most=64)
 def base_places(pepper: PepperModel) -> NDArray[np.int64]:
-    """Return the places of x, y and yaw of a differential base, shape (3,); none for other robots."""
+    """Return the joint indices of x, y and yaw of a differential base, shape (3,); empty for other robots."""
     if pepper.wheels is None or not pepper.wheels.differential:
         return np.empty(0, np.int64)
     places = np.array([pepper.joint_index(name) for name in BASE_JOINTS], dtype=np.int64)
@@ -208,7 +210,7 @@ def base_places(pepper: PepperModel) -> NDArray[np.int64]:
 
 
 def moves_base(pepper: PepperModel, free: NDArray[np.int64]) -> bool:
-    """Return whether the base of a robot that goes where it points is among joints, shape (k,), that move."""
+    """Return whether joints of a differential base are among the joints that move, shape (k,)."""
     base = base_places(pepper)
     return bool(base.size and np.isin(base, free).any())
 
@@ -216,10 +218,11 @@ def moves_base(pepper: PepperModel, free: NDArray[np.int64]) -> bool:
 def refuse_what_cannot_drive(
     pepper: PepperModel, joints: str | Sequence[str] | None, planner: str, constrained: bool
 ) -> None:
-    """Refuse options that would let a differential base go sideways.
+    """Refuse options that would let a differential base move sideways.
 
     Raises:
-        InvalidValueError: for constraints or another planner while the base may move, or no robot.
+        InvalidValueError: for constraints or another planner while the base may move, or another type than a
+            robot.
     """
     check_robot(pepper)
     if not base_places(pepper).size or (planner == "rrt_connect" and not constrained):
@@ -232,12 +235,12 @@ def refuse_what_cannot_drive(
 
 
 def are_tasks(goal: object) -> bool:
-    """Return whether a goal is IK tasks, not configurations."""
+    """Return whether a goal is a sequence of IK tasks instead of configurations."""
     return isinstance(goal, Sequence) and len(goal) > 0 and isinstance(goal[0], (Task, TaskGroup))
 
 
 def are_known_to_fast(pepper: PepperModel, tasks: Sequence[Any]) -> bool:
-    """Return whether the fast solver of inverse kinematics has code for tasks, and is wanted."""
+    """Return whether the robot uses the fast solver of inverse kinematics and it has code for the tasks."""
     if pepper.solvers != "fast":
         return False
     parts = [part for task in tasks for part in (task.parts if isinstance(task, TaskGroup) else [task])]
@@ -245,7 +248,7 @@ def are_known_to_fast(pepper: PepperModel, tasks: Sequence[Any]) -> bool:
 
 
 def load_code_for(checks: Checks, goal: Any, kind: str) -> None:
-    """Load, or compile, what a goal that is tasks and a planner need, before any clock starts.
+    """Load or compile the code that a planner and a goal of tasks need, before any clock starts.
 
     Args:
         checks: The robot in its scene.
@@ -253,7 +256,7 @@ def load_code_for(checks: Checks, goal: Any, kind: str) -> None:
         kind: The planner's name, or "costs" or "constraints".
 
     Raises:
-        InvalidValueError: for tasks and other things mixed.
+        InvalidValueError: for a mixture of tasks and other types.
     """
     _load_code_of(kind)
     if not are_tasks(goal):
@@ -265,10 +268,10 @@ def load_code_for(checks: Checks, goal: Any, kind: str) -> None:
 
 @cache
 def _load_code_of(kind: str) -> None:
-    """Load, or compile, what a planner runs besides what all planning does.
+    """Load or compile the code of all planning, and the additional code of a planner.
 
     Args:
-        kind: "aorrtc", "costs" or "constraints"; anything else needs only what all planning does.
+        kind: "aorrtc", "costs" or "constraints"; other kinds need no additional code.
     """
     load_code(search_nearby, run)
     if kind in ("aorrtc", "costs"):

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 class PlanStatus(ResultStatus):
-    """How planning ended; `advice` says what to try."""
+    """Status of planning; `advice` says what to try."""
 
     SOLVED = "solved", "Time the path with retime()."
     START_IN_COLLISION = (
@@ -88,39 +88,38 @@ RESTS = "Nothing has to move, so there is nothing to time."
 
 @dataclass(frozen=True, eq=False)
 class Plan(BriefRepr):
-    """The outcome of planning.
+    """Result of planning.
 
     Attributes:
-        status: How it ended.
+        status: Status of planning.
         message: What happened, in a sentence with names and numbers.
         joint_names: Order of the joints.
-        path: Way-points, shape (k, n), read-only [rad or m]; None unless solved.
-        curve: The curve through the way-points that was examined against the scene all along, not only at
-            the way-points; `retime` times exactly it.  None unless solved, where the start is the goal, and
-            with `start_velocity`: the trajectory was examined then.
-        goal: The configuration reached, shape (n,); None unless solved.
-        ik: Result of inverse kinematics where the goal was given as tasks.
-        alternative: Which of several lists of tasks the goal meets, counted from 0; None where there were not
+        path: Way-points [rad or m], shape (k, n), read-only; None unless solved.
+        curve: The curve through the way-points, which was examined against the scene everywhere; `retime`
+            follows exactly this curve.  None unless solved, if the start is the goal, and with
+            `start_velocity`, where the trajectory was examined instead.
+        goal: Configuration reached [rad or m], shape (n,); None unless solved.
+        ik: Result of inverse kinematics if the goal was given as tasks.
+        alternative: Index of the list of tasks that the goal meets, counted from 0; None if there were not
             several.
-        search: What the planner returned: its path before it was smoothed, length and lower bound in its own
-            metric, why it stopped, the sizes of its trees; None where nothing was searched and with
-            constraints.
+        search: Result of the planner: path before smoothing, length and lower bound in its metric, reason of
+            its end, sizes of its trees; None if nothing was searched, and with constraints.
         length: Length of the path in joint space [rad and m mixed]; nan unless solved.
-        constraint_errors: Largest error of each constraint along the spline, recomputed with Pinocchio,
-            groups taken apart [m or rad]; empty where there are none.
-        costs: Soft costs along the curve, one after the other; empty where there are none.
-        trajectory: With `start_velocity` the motion to execute, with `smooth=True` that from rest to rest:
-            optimized, and then path and curve are its own, or retimed where that is not better.  None
-            otherwise, and where no timing is within the limits: the message says why.
-        splice: With `start_velocity` how the motion goes on: straight, joined to the planned one, or after a
-            stop.  None otherwise.
-        optimized: What the optimization returned; None where there was none.
-        loads: What hung on the robot with a mass in the scene of the plan; `retime` counts it.
-        balance: As it was asked for, and as `retime` keeps it [m].
-        torque_scale: As it was asked for, and as `retime` keeps it.
-        states_checked: Number of configurations asked about.
-        time: Wall time [s], without the loading or compiling of code.
-        seed: Seed: the same problem and seed give the same plan.
+        constraint_errors: Largest error of each constraint along the spline, recomputed with Pinocchio, with
+            groups split [m or rad]; empty without constraints.
+        costs: Each soft cost along the curve; empty without costs.
+        trajectory: With `start_velocity`, the motion to execute; with `smooth=True`, the motion from rest to
+            rest: optimized, with path and curve of the optimum, or retimed if that is not better.  None
+            otherwise, and if no timing is within the limits: the message says why.
+        splice: With `start_velocity`, the continuation of the motion: straight, joined to the planned motion,
+            or after a stop.  None otherwise.
+        optimized: Result of the optimization; None without one.
+        loads: Attached objects with mass in the scene of the plan; `retime` counts them.
+        balance: Requested balance, which `retime` keeps by default [m].
+        torque_scale: Requested fraction of the effort limits, which `retime` keeps by default.
+        states_checked: Number of configurations checked.
+        time: Wall time [s], without loading or compiling code.
+        seed: Seed of all random choices: the same problem and seed give the same plan.
     """
 
     status: PlanStatus
@@ -150,7 +149,7 @@ class Plan(BriefRepr):
 
     @cached_property
     def clearance(self) -> Clearance:
-        """Least distances to obstacles and to itself along the curve [m], by coal, when first asked for.
+        """Minimum distances to obstacles and of the robot to itself along the curve [m], measured by coal.
 
         Both are nan unless solved.
         """
@@ -158,15 +157,15 @@ class Plan(BriefRepr):
 
     @cached_property
     def margin(self) -> float:
-        """What the whole curve is proven to keep from the scene, up to the margin asked for [m]; nan without.
+        """Distance that the whole curve is proven to keep from the scene, at most the requested margin [m].
 
-        Worked out when first asked for, by the compiled check and bounds on how far the body moves; see
+        It is computed at its first use, by the compiled check and bounds on how far the body moves; see
         `pepper_kin.motion.margins.proven_margin`.  nan unless solved.
         """
         return float("nan") if self.proof is None else self.proof()
 
     def __getstate__(self) -> dict[str, Any]:
-        """Travel with clearance and margin instead of the means to compute them."""
+        """Return the state for pickling, with clearance and margin computed."""
         known = {"clearance": self.clearance, "margin": self.margin}
         return {**self.__dict__, **known, "evidence": None, "proof": None}
 
@@ -177,13 +176,13 @@ class Plan(BriefRepr):
 
     @property
     def advice(self) -> str:
-        """What to try, in a sentence."""
+        """Advice on what to try, as a sentence."""
         if self.trajectory is not None:
             return TIMED
         return RESTS if self.success and self.curve is None else self.status.advice
 
     def report(self) -> str:
-        """Say in plain words what was found, or why nothing was and what to try."""
+        """Return the result in plain words, or the reason of a failure and what to try."""
         suffix = ""
         if self.success:
             suffix = f" Clearance: {self.clearance.sentence()}."
@@ -194,7 +193,7 @@ _DEFAULTS = {one.name: one.default for one in fields(Plan) if one.default is not
 
 
 class Ending:
-    """Makes the plan that is returned, with what is the same for all endings filled in."""
+    """Factory of the returned plan, with the fields that are common to all results."""
 
     def __init__(
         self,
@@ -209,7 +208,7 @@ class Ending:
         self.margin, (self.balance, self.torque_scale) = margin, kept
 
     def __call__(self, status: PlanStatus, message: str, **more: Any) -> Plan:
-        """Return the plan of an ending; `more` are its other fields."""
+        """Return a plan with a status and message; `more` are its other fields."""
         made = object.__new__(Plan)
         made.__dict__.update(
             _DEFAULTS, status=status, message=message, joint_names=self.joint_names,
@@ -227,7 +226,7 @@ class Ending:
         curve: CubicPath | None = None,
         **more: Any,
     ) -> Plan:
-        """Return the plan of way-points, shape (k, n), whose spline (or another curve) has been examined."""
+        """Return a solved plan of way-points, shape (k, n), whose spline or given curve has been examined."""
         if curve is None and len(path) > 1:
             curve = as_cubic_path(checker.pepper, path)
         return self(
@@ -241,9 +240,9 @@ class Ending:
 def along_trajectory(
     pepper: PepperModel, plan: Plan, trajectory: Trajectory, scene: Scene | None, margin: float
 ) -> Plan:
-    """Return a plan whose path and curve are those of a cubic motion with the same ends.
+    """Return a plan with path and curve of a cubic motion that has the same ends.
 
-    The margin is that which was asked for [m].
+    `margin` is the requested margin [m].
     """
     curve = CubicPath(trajectory.breaks, trajectory.coefficients)
     path = np.concatenate([trajectory.coefficients[:, 0], np.reshape(trajectory.end, (1, -1))])
@@ -263,11 +262,11 @@ def length_of(path: NDArray[np.float64]) -> float:
 def _clearance_along(
     pepper: PepperModel, scene: Scene, path: NDArray[np.float64], curve: CubicPath | None
 ) -> Clearance:
-    """Return the least distances along a curve through way-points, four times between any two.
+    """Return the minimum distances along a curve through way-points, at four states for each piece.
 
     Args:
         pepper: The robot.
-        scene: The world around it, with what it holds.
+        scene: The world around the robot, with attached objects.
         path: Way-points [rad or m], shape (k, n).
         curve: The curve; None for the way-points only.
     """

@@ -1,4 +1,4 @@
-"""Planning of a collision-free path from a start to a goal in a scene, and to a new goal in motion."""
+"""Planning of collision-free paths from start to goal, and to a new goal while the robot moves."""
 
 from __future__ import annotations
 
@@ -49,8 +49,7 @@ PLANNERS = ("rrt_connect", "aorrtc")
 
 BASE_JOINTS = frozenset(("BaseX", "BaseY"))
 SEARCHES_OF_BASE, DETOURS_OF_BASE, GAP_OF_BASE = 4, 400, 0.1
-"""Where the base drives: searches for a shorter way, attempts to shorten the shortest, and the part of the
-straight way's length by which one may be longer before there are more: a detour costs seconds there."""
+"""Numbers of searches and of short-cuts, and excess over the straight line to improve, if the base moves."""
 
 NO_SPLINE = "A path was found, but no spline through way-points of it is free of collision."
 
@@ -81,47 +80,49 @@ def plan(
     Args:
         pepper: The robot.
         start: Start configuration [rad or m], shape (n,).
-        goal: Goal configuration, shape (n,), several, shape (m, n), or IK tasks, or several lists of them
-            of which any will do, such as the grasps of one object.  Of joints that turn without limits full
-            turns do not count: the path ends within half a turn of the start.  Tasks are solved from several
-            starts; of the free solutions nearby the one farthest inside the wheels is taken if a path to it
-            is found at once, since motions there may brake harder; else the one with the shortest path.
-        scene: The world around the robot, with what it holds; attached objects count with their mass.
+        goal: Goal configuration [rad or m], shape (n,), several, shape (m, n), or IK tasks, or several lists
+            of tasks of which any suffices, such as the grasps of one object.  For revolute joints without
+            limits, full turns are ignored: the path ends within half a turn of the start.  Tasks are solved
+            from several starts; of the nearby free solutions, the one with the center of mass farthest inside
+            the wheels is chosen if a path to it is found at once, since motions there may decelerate more;
+            else the one with the shortest path.
+        scene: The world around the robot; attached objects count with their mass.
         planner: "rrt_connect"; "aorrtc", which improves its path until `gap` or `timeout`; or a name of
             `planners.available_ompl_planners()`.  Short-cutting and smoothing follow.
-        joints: Joints that may move, by joints and groups; None: those in which start and goals differ.
+        joints: Joints that may move, by names of joints and groups; None: joints in which start and goals
+            differ.
         constraints: IK tasks that stay met along the whole path; `plan_constrained` then plans.
-        costs: Soft costs that are made small together with the length; `plan_costed` then plans.
-        margin: Distance requested to all things [m]; less where start or goal are nearer than that, or where
-            no path keeps it: then it is relaxed, and the message says to what.
+        costs: Soft costs that are minimized together with the length; `plan_costed` then plans.
+        margin: Requested distance to all bodies [m]; it is reduced if start or goal are nearer, or relaxed if
+            no path keeps it, and the message states the new value.
         least_margin: Distance that the whole curve is proven to keep from the scene [m], from 0 to `margin`.
         seed: Seed of all random choices.
-        timeout: Time budget [s]; where the search took all of it, a twentieth more for the short-cuts.
-        gap: Of "aorrtc": it stops where the path is at most ``1 + gap`` times the straight line to the
-            nearest goal; None: at the straight line itself, or when the time is used up.
+        timeout: Time budget [s]; if the search used all of it, short-cuts may take a twentieth more.
+        gap: Relative gap at which "aorrtc" stops: the path is at most ``1 + gap`` times as long as the
+            straight line to the nearest goal; None: it stops at the straight line itself, or when time is up.
         balance: Distance that the center of mass keeps from the edges of the wheels' triangle [m], which
-            `retime` keeps then, too; "robot" for that of `pepper.requirements`, 10 mm for Pepper; None where
-            the base is held: else the robot may tip.
-        torque_scale: Share of the effort limits, which `retime` keeps then, too; "robot" for that of
+            `retime` then keeps too; "robot" for the value of `pepper.requirements`, 10 mm for Pepper; None
+            only if the base is held, because the robot may tip over.
+        torque_scale: Fraction of the effort limits, which `retime` then keeps too; "robot" for the value of
             `pepper.requirements`, 0.9 for Pepper, so that servos can correct errors.
-        payload: Point masses held at "left", "right" or a frame by name [kg], besides attached objects, as in
-            `retime`: the joints can hold them all along the path, and they count for balance.
-        smooth: Whether to make the motion to execute, too: `optimize` changes path and timing together,
-            within the limits of velocity, acceleration and torque.  Where that gains nothing over `retime`,
-            the retimed plan stays, and the message says so.
-        start_velocity: With which the motion begins [rad/s or m/s], shape (n,): the plan is a motion then,
-            within the limits of velocity, acceleration and torque; see `plan_in_motion`.
+        payload: Point masses held at "left", "right" or a frame by name [kg], in addition to attached
+            objects: the joints can hold them along the whole path, and they count for balance.
+        smooth: Whether to compute the motion to execute, too: `optimize` changes path and timing together,
+            within the limits of velocity, acceleration and torque.  If that gains nothing over `retime`, the
+            retimed plan is returned, and the message says so.
+        start_velocity: Initial velocity [rad/s or m/s], shape (n,): the plan is then a motion within the
+            limits of velocity, acceleration and torque; see `plan_in_motion`.
 
     Returns:
-        The plan, with `smooth` or `start_velocity` its trajectory; without a path, its status and message say
-        why, and what was most often in the way.
+        The plan, with a trajectory if `smooth` or `start_velocity` is given; without a path, its status and
+        message tell the reason, and the most frequent obstruction.
 
     Raises:
         InvalidValueError: for a wrong shape, NaN, an unknown planner, or one that takes no constraints or
-            costs; for any of these that do not go with a differential base; for a gap that is below 0 or for
-            another planner; for soft costs with `smooth`; there and with `start_velocity` also for a joint
-            without limit of acceleration; for a `start_velocity` of joints that may not move, or together
-            with a base that may, constraints, costs, `smooth`, or obstacles that move.
+            costs; for options that a differential base does not allow; for a gap below 0 or with another
+            planner; for soft costs with `smooth`; with `smooth` or `start_velocity`, for a joint without
+            acceleration limit; for a `start_velocity` of joints that may not move, or together with a base
+            that may move, constraints, costs, `smooth`, or moving obstacles.
         LimitError: for a start or goal outside the joint limits, or a velocity, naming the joint.
         UnknownNameError: for an unknown joint or group.
         MissingDependencyError: for a planner of OMPL's where that is not installed.
@@ -145,7 +146,7 @@ def plan(
 
 
 def _planned(asked: PlanRequest) -> Plan:
-    """Plan, and again with coal where a search took an end, which is free, for one in contact; see `plan`."""
+    """Plan, and plan again with coal if machine code mistook a free end for one in contact; see `plan`."""
     way = WAYS[_kind_of(asked.options)]
     found = way(asked)
     ends = planners.Status.START_INVALID, planners.Status.GOAL_INVALID
@@ -155,7 +156,7 @@ def _planned(asked: PlanRequest) -> Plan:
 
 
 def _kind_of(options: PlanOptions) -> str:
-    """Return what a plan is guided by, of `WAYS`."""
+    """Return the kind of planning that options ask for, a key of `WAYS`."""
     if options.start_velocity is not None:
         return "velocity"
     if options.constraints is not None:
@@ -193,17 +194,17 @@ WAYS: dict[str, Callable[[PlanRequest], Plan]] = {
     "constraints": constrained_path,
     "velocity": partial(plan_in_motion, search=_free_path),
 }
-"""What a plan is guided by -> the way that plans it."""
+"""Kind of planning -> function that plans."""
 
 
 class PathFound(NamedTuple):
-    """What the searches of a path found.
+    """Result of the searches of a path.
 
     Attributes:
         problem: The last problem that was searched.
-        result: What its search returned.
-        way: The examined way along its path; None where there is none.
-        states: How many configurations all searches asked about.
+        result: Result of the last search.
+        way: The examined way along its path; None if there is none.
+        states: Number of configurations checked by all searches.
     """
 
     problem: PathProblem
@@ -213,14 +214,14 @@ class PathFound(NamedTuple):
 
 
 def path_found(request: CheckedRequest, ends: Ends, clock: PausedClock | None = None) -> Slices[PathFound]:
-    """Search at falling margins, with pauses where a clock says so and the planner is "rrt_connect".
+    """Search at decreasing margins, with pauses by a clock if the planner is "rrt_connect".
 
-    What was searched coarsely is searched again, closely, where its spline turns out to touch something.
+    A coarse search is repeated at fine resolution if its spline turns out to touch something.
 
     Args:
-        request: What is planned, whose base does not drive where it points.
-        ends: Of the path.
-        clock: That of the request; None where nothing pauses.
+        request: The checked request, without a moving differential base.
+        ends: Ends of the path.
+        clock: Clock of the request; None to search without pauses.
     """
     checks, options, planner = request.checks, request.options, request.options.planner
     own, coarse, compare, states = planner in PLANNERS, planner == PLANNERS[0], ends.ik is not None, 0
@@ -248,7 +249,7 @@ def path_found(request: CheckedRequest, ends: Ends, clock: PausedClock | None = 
 
 
 def _how_short(result: planners.Result) -> str:
-    """Return what a planner that improves its path says of its length, as a sentence that may be empty."""
+    """Return a sentence on the path length of a planner that improves its path; empty for others."""
     if result.stop_reason is None:
         return ""
     return (
@@ -259,10 +260,10 @@ def _how_short(result: planners.Result) -> str:
 
 
 def _check_gap(planner: str, gap: float | None) -> None:
-    """Refuse a gap that no planner can use.
+    """Refuse a gap that the planner cannot use.
 
     Raises:
-        InvalidValueError: It is below 0, or the planner is another than "aorrtc".
+        InvalidValueError: for a gap below 0, or a planner other than "aorrtc".
     """
     if gap is not None and planner != "aorrtc":
         raise InvalidValueError("gap", gap, f"None with planner {planner!r}, or planner 'aorrtc'")
@@ -271,12 +272,12 @@ def _check_gap(planner: str, gap: float | None) -> None:
 
 
 def check_planner(planner: str, constrained: bool) -> None:
-    """Refuse a planner that there is not, or that does not do what is asked of it.
+    """Refuse a planner that does not exist, or that cannot plan with constraints or costs.
 
     Raises:
-        InvalidValueError: for an unknown planner, one that the installed OMPL lacks, and options that
-            constraints leave no choice of.
-        MissingDependencyError: for a planner of OMPL's where that is not installed.
+        InvalidValueError: for an unknown planner, one that the installed OMPL lacks, or another planner than
+            the default with constraints or costs.
+        MissingDependencyError: for a planner of OMPL if OMPL is not installed.
     """
     own = ", ".join(map(repr, PLANNERS))
     if planner not in PLANNERS:
@@ -306,13 +307,13 @@ def find_path(
     """Search a path.
 
     Args:
-        problem: What to plan.
-        planner: "rrt_connect", "aorrtc" or a name of OMPL's.
+        problem: The planning problem.
+        planner: "rrt_connect", "aorrtc" or the name of a planner of OMPL.
         seed: Seed of all random choices.
-        timeout: Time budget [s] in which a path has to be found.
-        compare: Whether the path is shortened and ends at another goal where that is nearer from a way-point.
-        gap: Of "aorrtc", see `plan`.
-        total: Time budget of "aorrtc", the first path included [s]; None: `timeout`.
+        timeout: Time budget in which a path has to be found [s].
+        compare: Whether the path is shortened and ends at another goal if that is nearer from a way-point.
+        gap: Relative gap at which "aorrtc" stops, see `plan`.
+        total: Time budget of "aorrtc", including the first path [s]; None for `timeout`.
     """
     begin = working_time()
     if planner == "aorrtc" and total in (None, timeout):
@@ -334,9 +335,9 @@ def find_path(
 def _shortest_of_base(
     problem: planners.Problem, first: planners.Result, seed: int, deadline: planners.Deadline
 ) -> planners.Result:
-    """Return the shortest of several paths, with fewer detours: a base that drives around costs most.
+    """Return the shortest of several paths, with detours removed: detours of the base cost most.
 
-    Searches end where a shortened path is hardly longer than the straight way to its goal.
+    Searches end as soon as a shortened path is hardly longer than the straight line to its goal.
     """
 
     def straight(result: planners.Result) -> float:
@@ -364,12 +365,12 @@ def _shortest_of_base(
 
 
 def _left(begin: float, timeout: float) -> float:
-    """Return what is left of a time budget [s], above zero."""
+    """Return the remaining time of a time budget [s], above zero."""
     return max(timeout - (working_time() - begin), 1e-3)
 
 
 def _to_a_goal(better: planners.Result, first: planners.Result) -> planners.Result:
-    """Return a result that names the goal of the path that it began with where that is still its end."""
+    """Return an improved result with the goal index of the first one, if it has none of its own."""
     return replace(better, goal_index=first.goal_index) if better.goal_index is None else better
 
 
@@ -388,31 +389,34 @@ def replan(
     timeout: float = 1.0,
     jerk: JerkLike | None = None,
 ) -> Splice:
-    """Return a motion with a new goal from an instant on, by a planned way where others are not free.
+    """Return a motion with a new goal from an instant on, along a planned path if necessary.
 
-    Straight, as `Trajectory.replaced` does, if that keeps all limits and touches nothing.  Else a path is
-    planned from where the motion can stop, or, where something is in the way of that, from where it is; timed
-    from rest to rest; and joined in motion, as by `Trajectory.replaced`.  Where no way onto it was found, a
-    straight way is tried with lower accelerations; else the robot stops first, and `Splice.how` says so.
+    The motion goes straight to the goal, as by `Trajectory.replaced`, if that keeps all limits and touches
+    nothing.  Else a path is planned from where the motion can stop, or from the current position if the stop
+    is obstructed; timed from rest to rest; and joined in motion, as by `Trajectory.replaced`.  If it cannot
+    be joined, a straight motion with lower accelerations is tried; else the robot stops first, and
+    `Splice.how` says so.
 
     Args:
         pepper: The robot, which gives the limits.
         trajectory: The motion.
-        at: The instant [s].
+        at: Time of the instant [s].
         goal: Joint positions [rad or m], shape (n,).
-        scene: The world around the robot, with what it holds; None for the robot alone.
+        scene: The world around the robot, with attached objects; None for the robot alone.
         torque: Whether to keep within the effort limits.
-        torque_scale: As in `retime`.
-        balance: As in `retime` [m].
-        margin: Distance that the planned path keeps to all things [m], as in `plan`.
+        torque_scale: Fraction of the effort limits to use, in (0, 1]; "robot" for the robot's requirement.
+        balance: Distance that the zero-moment point keeps from the edges of the wheels' triangle [m]; "robot"
+            for the robot's requirement; None to leave balance out.
+        margin: Requested distance of the planned path to all bodies [m]; it is relaxed if necessary, as by
+            `plan`.
         seed: Seed of the search.
-        timeout: Time that the search may take [s].
-        jerk: As in `retime`, for a motion that is to have continuous accelerations.
+        timeout: Time budget of the search [s].
+        jerk: Jerk limits as `retime` takes them, for continuous accelerations; None for no jerk limits.
 
     Raises:
-        InvalidValueError: as for `Trajectory.replaced` and `plan`.
+        InvalidValueError: for an argument that `Trajectory.replaced` or `plan` refuses.
         LimitError: for a goal outside the position limits.
-        InfeasibleError: where no path was found, or none that the robot gets onto, saying why.
+        InfeasibleError: if no path was found, or none that the robot can join, with the reason.
     """
     world = checked_world(scene)
     goal = np.array(as_joint_vector(pepper, goal, "goal"))

@@ -1,8 +1,8 @@
-"""Processes that plan for others, and how problems and plans travel to and from them.
+"""Helper processes for planning, and the transfer of problems and plans.
 
-Threads would not do: half of a plan's time is Python, which one thread at a time can run.  The processes are
-new ones, not forked, and do not run the main script; they read problems from a pipe until it is closed.
-The robot and the scene travel once for all problems of a piece, and plans without them.
+Threads do not suffice: half of a plan's time is Python code, which runs in one thread at a time.  The
+processes are started anew, not forked, and do not run the main script; they read problems from a pipe until
+it is closed.  Robot and scene are sent once for all problems of a chunk, and plans are returned without them.
 """
 
 from __future__ import annotations
@@ -31,21 +31,21 @@ if TYPE_CHECKING:
 
 _LENGTH = struct.Struct("<Q")
 _MOST_KEPT = 64
-"""Robots, and scenes, that a process keeps: tables are made once for each."""
+"""Maximum number of robots, and of scenes, that a process caches with their tables."""
 
 
 _NOTHING = Scene()
 
 
 class UnansweredError(Exception):
-    """A process could not read what it was sent, or has ended."""
+    """Error if a process cannot read its message, or has ended."""
 
 
 class Helper:
     """A process that plans.
 
     Attributes:
-        ready: Set once it has started.
+        ready: Event that is set once the process has started.
     """
 
     def __init__(self) -> None:
@@ -62,11 +62,11 @@ class Helper:
 
     @property
     def ended(self) -> bool:
-        """Whether the process is no more."""
+        """Whether the process has ended."""
         return self._process.poll() is not None
 
     def end(self) -> None:
-        """End the process, whatever it does."""
+        """Kill the process."""
         with contextlib.suppress(OSError):
             self._process.kill()
 
@@ -76,13 +76,13 @@ class Helper:
         """Return plans and errors of problems of one robot and one scene.
 
         Raises:
-            UnansweredError: where they cannot be sent or read there, or the process has ended.
+            UnansweredError: if the problems cannot be sent or read, or the process has ended.
         """
         try:
             message = pickle.dumps(
                 (pickle.dumps(pepper), pickle.dumps(scene), _packed(problems, pepper, scene))
             )
-        except Exception as error:  # whatever a user's own task does when it is pickled
+        except Exception as error:  # pickling a user's own task may raise anything
             raise UnansweredError from error
         with self._busy:
             try:
@@ -113,7 +113,7 @@ _helpers: list[Helper] = []
 
 
 def helpers(count: int) -> list[Helper]:
-    """Return so many processes, starting what there is not; they end with this one."""
+    """Return a number of helper processes, starting missing ones; they end with this process."""
     with _lock:
         _helpers[:] = [one for one in _helpers if not one.ended]
         while len(_helpers) < count:
@@ -141,7 +141,7 @@ def _read(pipe: IO[bytes]) -> bytes:
     """Return the next message.
 
     Raises:
-        EOFError: where the pipe has ended.
+        EOFError: if the pipe has ended.
     """
     head = pipe.read(_LENGTH.size)
     if len(head) < _LENGTH.size:
@@ -154,18 +154,18 @@ def _read(pipe: IO[bytes]) -> bytes:
 
 
 class _Pickler(pickle.Pickler):
-    """Leaves out the robot and its scene, which both sides have, and lets certificates be computed there."""
+    """Pickler that leaves out robot and scene, which both sides have, and certificates not yet computed."""
 
     def __init__(self, file: IO[bytes], pepper: PepperModel, *scenes: Scene | None) -> None:
         super().__init__(file, protocol=pickle.HIGHEST_PROTOCOL)
         self.shared = {id(scene): "scene" for scene in scenes if scene is not None} | {id(pepper): "robot"}
 
     def persistent_id(self, obj: object) -> str | None:
-        """Return the name of what is shared, or None."""
+        """Return the name of a shared object, or None."""
         return self.shared.get(id(obj))
 
     def reducer_override(self, obj: Any) -> Any:
-        """Let results travel with the means to compute their certificates, which are wanted rarely."""
+        """Pickle results with the means to compute their certificates, which are rarely needed."""
         if type(obj) in (Plan, IKResult):
             return _restored, (type(obj), dict(obj.__dict__))
         return NotImplemented
@@ -178,14 +178,14 @@ def _restored(kind: type, fields: dict[str, Any]) -> Any:
 
 
 class _Unpickler(pickle.Unpickler):
-    """Puts in the robot and the scene of this side."""
+    """Unpickler that inserts the robot and the scene of this process."""
 
     def __init__(self, message: bytes, pepper: PepperModel, scene: Scene | None) -> None:
         super().__init__(io.BytesIO(message))
         self.pepper, self.scene = pepper, scene
 
     def persistent_load(self, pid: str) -> object:
-        """Return what is shared."""
+        """Return a shared object by its name."""
         return self.pepper if pid == "robot" else _NOTHING if self.scene is None else self.scene
 
 
@@ -196,7 +196,7 @@ def _packed(value: object, pepper: PepperModel, *scenes: Scene | None) -> bytes:
 
 
 class _Kept:
-    """What was read lately, so that what is made for it need not be made again."""
+    """Cache of recently read values, so that their tables are reused."""
 
     def __init__(self) -> None:
         self._values: OrderedDict[bytes, Any] = OrderedDict()
@@ -213,7 +213,7 @@ class _Kept:
 
 
 def _answer(message: bytes, robots: _Kept, scenes: _Kept) -> bytes:
-    """Return the answer to a message; an empty one where it cannot be read."""
+    """Return the answer to a message; an empty one if the message cannot be read."""
     try:
         robot, world, body = pickle.loads(message)
         pepper, scene = robots.read(robot), scenes.read(world)
@@ -228,10 +228,10 @@ def _answer(message: bytes, robots: _Kept, scenes: _Kept) -> bytes:
 
 
 def serve() -> None:
-    """Answer what comes in until the pipe is closed; whatever is printed goes to the standard error."""
+    """Answer messages until the pipe is closed; printed text is redirected to standard error."""
     import signal
 
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that asks
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent process
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
     import pepper_kin.motion.planning  # noqa: F401, so that a helper is ready when it says so

@@ -1,4 +1,4 @@
-"""A robot's motion as a planner sees it: the joints that move, their box, metric and validity."""
+"""A planning problem: the joints that move, their box, metric and validity."""
 
 from __future__ import annotations
 
@@ -28,21 +28,21 @@ from pepper_kin.model.joint_vectors import (
 from pepper_kin.motion.checks import Checks
 from pepper_kin.trajectory.path import CubicPath
 
-RESOLUTION = 0.01  # [m], in the metric of `motion_bounds`
+RESOLUTION = 0.01  # distance between checked states [m], in the metric of `motion_bounds`
 COARSE = 0.02
-"""The same where the examination of the spline, which is far finer, shows whether that was fine enough."""
-UNBOUNDED_RANGE = {"rad": np.pi, "m": 2.0}  # sampled around start and goal where a joint has no limits
+"""Distance between checked states if the spline is examined at much finer steps afterwards [m]."""
+UNBOUNDED_RANGE = {"rad": np.pi, "m": 2.0}  # range sampled around start and goal of a joint without limits
 
 
 class Ends(NamedTuple):
-    """Between what a path leads.
+    """Ends of a path.
 
     Attributes:
         start: Start configuration [rad or m], shape (n,).
-        goals: Goals that it can end at, the best first, shape (m, n).
-        free: Places of the joints that move, rising, shape (k,).
-        ik: The result of inverse kinematics where the goal was given as tasks.
-        kept: What `Checks.margins` returns for them; None where that is not known yet.
+        goals: Goal configurations [rad or m], the best first, shape (m, n).
+        free: Indices of the joints that move, increasing, shape (k,).
+        ik: Result of inverse kinematics if the goal was given as tasks.
+        kept: Margins that the ends keep to the scene and of the robot to itself [m]; None if not known yet.
     """
 
     start: Array
@@ -54,24 +54,24 @@ class Ends(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class PathProblem:
-    """Where a path is sought.
+    """Problem of a path search.
 
     Attributes:
         checks: The robot in its scene.
-        start: Start configuration, shape (n,).
-        goals: Goal configurations, shape (m, n).
-        free: Places of the joints that move, shape (k,).
-        margins: Kept to the scene and to the robot itself [m].
+        start: Start configuration [rad or m], shape (n,).
+        goals: Goal configurations [rad or m], shape (m, n).
+        free: Indices of the joints that move, shape (k,).
+        margins: Margins to the scene and of the robot to itself [m].
         box: Lower and upper bounds of the joints that move, shape (2, k).
-        limits: Those of all joints, infinite where there are none, shape (2, n).
-        diagonal: Length of that box's diagonal in the metric [m].
-        metric: Of the joints that move, with bounds of how far they move a point of the body.
-        reach: How far a joint moves a point of the body, shape (n,), see `motion_bounds`; infinite where a
-            joint that is carried slides without limits.
-        resolution: Greatest distance between states that are looked at [m], in the metric.
-        least: What the curve must keep from the scene at every point [m].
-        margins_relaxed: Whether the margins are smaller than start and goal allow, since no path was found
-            with greater ones.
+        limits: Lower and upper limits of all joints, shape (2, n); infinite if there are none.
+        diagonal: Length of the box's diagonal in the metric [m].
+        metric: Metric of the joints that move, weighted by bounds on how far each moves a point of the body.
+        reach: Bounds on how far each joint moves a point of the body, shape (n,), see `motion_bounds`;
+            infinite if a carried prismatic joint has no limits.
+        resolution: Maximum distance between checked states in the metric [m].
+        least: Margin that the curve must keep to the scene at every point [m].
+        margins_relaxed: Whether the margins are smaller than start and goal allow, because no path was found
+            with larger ones.
     """
 
     checks: Checks
@@ -90,32 +90,32 @@ class PathProblem:
 
     @property
     def relaxed_margins(self) -> tuple[float, float]:
-        """Half the margins: a curve that rounds the corners of a path along a margin's edge leaves it."""
+        """Half the margins, for curves: smoothing the corners of a path at a margin's boundary crosses it."""
         return max(self.margins[0] / 2, self.least), self.margins[1] / 2
 
     @property
     def strictly(self) -> bool:
-        """Whether the curve's margin to the scene has to be proven between the states looked at as well."""
+        """Whether the curve's margin to the scene must be proven between the checked states as well."""
         return self.least > 0.0
 
     def finer(self) -> PathProblem:
-        """Return the problem at the resolution that paths have where nothing examines them more closely."""
+        """Return the problem at the fine resolution, for paths that are not examined more closely."""
         return replace(self, resolution=RESOLUTION)
 
     @cached_property
     def moving_start(self) -> Array:
-        """The start of the joints that move, within the box, shape (k,)."""
+        """Start positions of the joints that move, within the box, shape (k,)."""
         return np.minimum(np.maximum(self.start[self.free], self.box[0]), self.box[1])
 
     @cached_property
     def moving_goals(self) -> Array:
-        """The goals of the joints that move, within the box, shape (m, k)."""
+        """Goal positions of the joints that move, within the box, shape (m, k)."""
         inside = np.minimum(np.maximum(self.goals[:, self.free], self.box[0]), self.box[1])
         return np.ascontiguousarray(inside)
 
     @cached_property
     def search_problem(self) -> planners.Problem:
-        """The problem as planners take it."""
+        """The problem in the form that planners take."""
         names = self.checks.pepper.joint_names
         return planners.Problem(
             lower=self.box[0],
@@ -136,7 +136,7 @@ class PathProblem:
         )
 
     def is_clear(self, curve: CubicPath, margins: tuple[float, float]) -> bool:
-        """Whether margins are kept all along a curve of the joints that move; see `is_clear_along`."""
+        """Whether a curve of the joints that move keeps margins everywhere; see `is_clear_along`."""
         kept, motion = (max(margins[0], self.least), margins[1]), (self.start, self.free)
         return is_clear_along(self.checks, curve, kept, motion=motion, strictly=self.strictly)
 
@@ -162,13 +162,13 @@ def path_problem(
 
     Args:
         checks: The robot in its scene.
-        start: Start configuration; joints that are not free stay there.
-        goals: Goal configurations.
-        free: Places of the joints that move, shape (k,).
-        margin: Distance to keep where the ends allow it [m].
-        resolution: Greatest distance between states that are looked at [m], in the metric.
-        least: What the curve must keep from the scene at every point, as the ends do [m].
-        kept: What `Checks.margins` returns, where that is known.
+        start: Start configuration [rad or m], shape (n,); joints that are not free stay there.
+        goals: Goal configurations [rad or m], shape (m, n).
+        free: Indices of the joints that move, shape (k,).
+        margin: Distance to keep if the ends allow it [m].
+        resolution: Maximum distance between checked states in the metric [m].
+        least: Margin that the curve must keep to the scene at every point, and that the ends keep [m].
+        kept: Margins that the ends keep, if known [m].
     """
     pepper, held = checks.pepper, checks.held
     limits, bounded, reach = _limits(pepper, held)
@@ -201,7 +201,7 @@ def path_problem(
 
 @kept_for_robot(most=32)
 def _limits(pepper: PepperModel, held: tuple[tuple[str, float], ...]) -> tuple[Array, bool, Array]:
-    """Return the limits of all joints, shape (2, n), whether all have some, and `motion_bounds`."""
+    """Return the limits of all joints, shape (2, n), whether all are finite, and `motion_bounds`."""
     limits = np.stack([pepper.lower_limits, pepper.upper_limits])
     return limits, bool(np.isfinite(limits).all()), motion_bounds(pepper, held=held)
 
@@ -210,7 +210,7 @@ def _limits(pepper: PepperModel, held: tuple[tuple[str, float], ...]) -> tuple[A
 def _within_limits(
     pepper: PepperModel, held: tuple[tuple[str, float], ...], free: bytes
 ) -> tuple[Array, float, planners.Metric]:
-    """Return limits, shape (2, k), their diagonal and the metric, of joints of a robot all limited."""
+    """Return limits of joints, shape (2, k), their diagonal and metric, for a robot with finite limits."""
     places = np.frombuffer(free, np.int64)
     limits, _, reach = _limits(pepper, held)
     box = np.ascontiguousarray(limits[:, places])
@@ -220,20 +220,20 @@ def _within_limits(
 
 
 def check_robot(pepper: object) -> None:
-    """Refuse something else than a robot.
+    """Refuse another type than a robot.
 
     Raises:
-        InvalidValueError: It is none.
+        InvalidValueError: for another type.
     """
     if not isinstance(pepper, PepperModel):
         raise InvalidValueError("pepper", repr(pepper), "a robot, such as load_pepper() returns")
 
 
 def checked_start(pepper: PepperModel, start: ArrayLike, margin: float, timeout: float) -> Array:
-    """Check what was asked for; return the start, shape (n,).
+    """Check start, margin and timeout; return the start within the limits, shape (n,).
 
     Raises:
-        InvalidValueError: for a start of wrong shape or with NaN, a margin or timeout that is none.
+        InvalidValueError: for a start of wrong shape or with NaN, or an invalid margin or timeout.
         LimitError: for a start outside the joint limits.
     """
     check_positive("timeout", timeout, "[s]")
@@ -244,7 +244,7 @@ def checked_start(pepper: PepperModel, start: ArrayLike, margin: float, timeout:
 
 
 def check_examined(pepper: PepperModel, q: Array, quantity: str) -> None:
-    """Refuse positions outside the joint limits, or beyond what the check for collisions takes.
+    """Refuse positions outside the joint limits, or beyond the range of the collision check.
 
     Args:
         pepper: The robot.
@@ -252,8 +252,8 @@ def check_examined(pepper: PepperModel, q: Array, quantity: str) -> None:
         quantity: Name for the message.
 
     Raises:
-        LimitError: naming the worst joint, its value and its limits.
-        InvalidValueError: for a joint that turns for ever, or a base, beyond WIDEST.
+        LimitError: for a position outside its limits, naming the worst joint, its value and its limits.
+        InvalidValueError: for a revolute joint without limits, or a base, beyond WIDEST.
     """
     check_within_limits(pepper, q, quantity)
     if _limited_within_widest(pepper):
@@ -269,15 +269,15 @@ def check_examined(pepper: PepperModel, q: Array, quantity: str) -> None:
 
 @kept_for_robot(most=1)
 def _limited_within_widest(pepper: PepperModel) -> bool:
-    """Whether what is within the joint limits is within WIDEST."""
+    """Whether all joint limits are within WIDEST."""
     return bool(np.abs(_limits(pepper, ())[0]).max(initial=0.0) < WIDEST)
 
 
 def checked_margin(margin: float) -> float:
-    """Return a distance to keep [m].
+    """Return a distance to keep [m], after checks.
 
     Raises:
-        InvalidValueError: for what is none.
+        InvalidValueError: for a value that is not a finite distance of 0 or more.
     """
     if not 0.0 <= as_real(margin) < math.inf:
         raise InvalidValueError("margin", shown(margin), "a finite distance of 0 or more [m]")

@@ -1,4 +1,4 @@
-"""A person's motion, as key points over time, on a robot with two arms like Pepper's."""
+"""Retargeting of a person's motion, given by key points over time, to a robot with arms like Pepper's."""
 
 from __future__ import annotations
 
@@ -36,43 +36,41 @@ SIDES = ("left", "right")
 LIMBS = ("left_upper_arm", "left_forearm", "right_upper_arm", "right_forearm")
 
 PERIOD = 0.02
-"""Time between the frames that are computed [s]."""
+"""Time between computed frames [s]."""
 
 STEADIED, LEVER = 0.15, 0.5
-"""Angles of a limb that points along their axis are averaged over this time [s] for the first guess, fully
-where it does and less up to this sine."""
+"""Averaging time of angles of limbs along their axis [s], and sine between them that ends averaging."""
 
 CALM = 0.08
-"""Head and torso are averaged over this time more than the arms, standard deviation [s]."""
+"""Additional averaging time of head and torso, as a standard deviation [s]."""
 
 FIRM, FITS = (0.0, 10.0, 30.0), 10
-"""Weights of shortages of distance, one after the other [1/m], and Gauss-Newton steps with each."""
+"""Successive weights of distance shortages [1/m], and number of Gauss-Newton steps with each."""
 
 ROUNDS, REFITS, MOST_FIRM = 12, 4, 64.0
-"""Rounds of further steps in which these weights are doubled where something touches, up to so many times."""
+"""Rounds of further steps that double the weights at contacts, steps of a round, and maximum factor."""
 
 DAMPING, LONGEST = 1e-3, 0.3
-"""Damping of the steps, and the longest of a joint [rad]."""
+"""Damping of the steps, and largest step of a joint [rad]."""
 
 MU, UNSEEN = 0.12, 0.05
-"""An acceleration at its limit counts as this error [rad]; a limb that is not seen counts so much."""
+"""Error that an acceleration at its limit counts as [rad], and weight of a limb that is not observed."""
 
 CLIPPED = math.radians(5.0)
-"""From this error on a limb counts as clipped [rad]."""
+"""Error from which on a limb counts as clipped [rad]."""
 
 _ROUNDS, _BACK, _SPREAD = 24, 0.12, 0.12
-"""Rounds in which arms that touch something are moved back, by what part of the way to Stand each time, and
-over what time before and after [s]."""
+"""Rounds that move arms in contact back, fraction of the way to Stand in each, and spread in time [s]."""
 
 FINE = 4
-"""Points of a curve for each frame that are looked at for contact."""
+"""Number of points of the curve for each frame that are checked for contact."""
 
 _SEEN = 0.1
-"""Part of the frames in which a point has to be seen."""
+"""Minimum fraction of the frames in which a point is observed."""
 
 
 class RetargetStatus(ResultStatus):
-    """How retargeting ended."""
+    """Status of retargeting."""
 
     DONE = "done", "Execute `trajectory`; `report()` says what was slowed or left out."
     NOT_SEEN = "not_seen", "Give points that are seen more often, or a shorter part of the recording."
@@ -82,19 +80,18 @@ class RetargetStatus(ResultStatus):
 
 @dataclass(frozen=True, eq=False)
 class Retargeted(FrozenArrays):
-    """The robot's motion after a person's, and where it departs from it.
+    """The robot's version of a person's motion, and its deviations.
 
     Attributes:
-        status: How it ended.
+        status: Status of the result.
         message: What happened, in a sentence with numbers.
-        trajectory: The motion within all limits, from rest to rest; None where there is none.
-        certificate: Of `trajectory.check`; None where there is none.
-        times: Of the frames in the recording, from 0, every 20 ms [s], shape (F,).
-        errors: Angle between each limb and the person's [rad], shape (F, 4): `LIMBS`; NaN where a point of it
-            was not seen.
-        speed: Speed of the motion there, as a part of the person's, at most 1, shape (F,).
-        moved: How far the arms were moved back from contact, 0 to 1 (as in Stand), shape (F, 2): left, right.
-        filled: Part of the points of the arms that was not seen.
+        trajectory: The motion within all limits, from rest to rest; None if there is none.
+        certificate: Certificate of `trajectory.check`; None if there is no motion.
+        times: Times of the frames in the recording, from 0, every 20 ms [s], shape (F,).
+        errors: Angle between each of `LIMBS` and the person's limb [rad], shape (F, 4); NaN if not observed.
+        speed: Speed of the motion relative to the person's at each frame, at most 1, shape (F,).
+        moved: How far left and right arm were moved back from contact, 0 to 1 (as in Stand), shape (F, 2).
+        filled: Fraction of the arms' points that was not observed.
         time: Wall time [s].
     """
 
@@ -116,16 +113,16 @@ class Retargeted(FrozenArrays):
 
     @property
     def advice(self) -> str:
-        """What to do next, in a sentence."""
+        """Advice on what to do next, as a sentence."""
         return self.status.advice
 
     @property
     def clipped(self) -> np.ndarray:
-        """Where a limb is more than 5 degrees off, shape (F, 4)."""
+        """Whether each limb is more than 5 degrees off at each frame, shape (F, 4)."""
         return np.asarray(self.errors > CLIPPED)
 
     def report(self) -> str:
-        """Return the result in plain words: what departs from the person's motion, where, and how much."""
+        """Return the result in plain words: deviations from the person's motion, where, and how much."""
         lines = [self.message]
         for k, limb in enumerate(LIMBS):
             if self.errors.size and np.isfinite(self.errors[:, k]).any():
@@ -147,7 +144,7 @@ class Retargeted(FrozenArrays):
         return "\n".join([*lines, self.advice])
 
     def _spans(self, there: np.ndarray, word: str) -> str:
-        """Return the first stretches of time in which something holds, in words; empty for none."""
+        """Return the first time intervals in which a condition holds, in words; empty for none."""
         edges = np.flatnonzero(np.diff(np.concatenate([[False], there, [False]]).astype(int)))
         spans = [
             f"{self.times[begin]:.2f} to {self.times[end - 1]:.2f} s"
@@ -169,34 +166,34 @@ def retarget(
     scene: Scene | None = None,
     payload: Mapping[str, float] | None = None,
 ) -> Retargeted:
-    """Move the robot as a person moves: arms, head and, where hips are seen, the torso's lean.
+    """Move the robot as a person moves: arms, head and, if hips are observed, the torso's lean.
 
-    Directions count, not places, so that the size of the person does not matter.  The directions of the limbs
-    in the trunk (y from shoulder to shoulder, z along the trunk) are asked of the robot's limbs in its
-    torso: in closed form, then by least squares over all frames at once, with small accelerations, within the
-    limits and clear of what is near.  Arms that still touch are moved towards Stand until they do not.  The
-    result is rounded, and slowed down where velocity, acceleration, torque or balance ask for it
-    (`trajectory.enforce_limits`).  Where the person faces is left out: the base stands still.
+    Directions count, not positions, so that the person's size does not matter.  The robot's limbs take the
+    directions in its torso that the person's limbs have in the trunk (y from shoulder to shoulder, z along
+    the trunk): in closed form, then by least squares over all frames at once, with small accelerations,
+    within limits and clear of near bodies.  Arms still in contact are moved towards Stand until they are
+    clear.  The result is smoothed, and slowed down where velocity, acceleration, torque or balance require it
+    (`trajectory.enforce_limits`).  The person's heading is ignored: the base stands still.
 
     Args:
         pepper: The robot.
-        points: The person: `KeyPoints`, or positions, shape (T, K, 3), NaN where not seen, any unit.  Needed
-            are shoulders, elbows and wrists; used are hips (else the trunk stands upright), nose and ears, or
-            nose or head and neck (else the head keeps still).
-        times: Of the frames [s], shape (T,), or frames a second; not with `KeyPoints`.
-        names: Of the points, or "coco", "human36m" or "mediapipe"; not with `KeyPoints`.
-        up: What is up in the frame of the points, shape (3,); (0, -1, 0) for most cameras.
-        smoothing: Standard deviation in time of the average that is taken of the points [s]; 0 for none.
+        points: The person as `KeyPoints`, or positions, shape (T, K, 3), NaN if not observed, in any unit.
+            Shoulders, elbows and wrists are required; hips (else the trunk is upright), nose and ears, or
+            nose or head and neck (else the head rests) are used.
+        times: Times of the frames [s], shape (T,), or a frame rate [1/s]; not with `KeyPoints`.
+        names: Names of the points, or "coco", "human36m" or "mediapipe"; not with `KeyPoints`.
+        up: Upward direction in the frame of the points, shape (3,); (0, -1, 0) for most cameras.
+        smoothing: Standard deviation of the points' moving average in time [s]; 0 for none.
         torso: Whether the torso leans with the trunk.
-        scene: What stands around the robot, which keeps clear of itself in any case.
-        payload: As in `trajectory.check`.
+        scene: The world around the robot; the robot also avoids itself.
+        payload: Point masses held at "left", "right" or a frame by name [kg].
 
     Returns:
         The motion, with its certificate, or the reason.
 
     Raises:
-        InvalidValueError: for points or times that are none, or an `up` of length zero.
-        UnknownNameError: where a point that is needed has no name, or for a robot without Pepper's arms.
+        InvalidValueError: for invalid points or times, or an `up` of length zero.
+        UnknownNameError: if a required point is missing, or for a robot without Pepper's arms.
     """
     begin = time.perf_counter()
     if not isinstance(points, KeyPoints):
@@ -224,15 +221,15 @@ def retarget(
 
 
 class Person(NamedTuple):
-    """A person's motion every PERIOD, what was not seen filled in.
+    """A person's motion every PERIOD, with unobserved points filled in.
 
     Attributes:
-        times: From 0 [s], shape (F,).
-        limbs: Directions of `LIMBS` in the trunk, shape (F, 4, 3).
-        seen: Whether they were seen, shape (F, 4).
+        times: Times from 0 [s], shape (F,).
+        limbs: Directions of `LIMBS` in the trunk, unit vectors, shape (F, 4, 3).
+        seen: Whether each limb was observed, shape (F, 4).
         lean: Pitch and roll of the trunk [rad], shape (F, 2).
         head: Yaw and pitch of the head in the trunk [rad], shape (F, 2).
-        filled: Part of the points of the arms that was not seen.
+        filled: Fraction of the arms' points that was not observed.
     """
 
     times: Array
@@ -278,7 +275,7 @@ def _person(points: KeyPoints, up: Array, window: float) -> Person:
         nearest = np.clip(np.searchsorted(points.times - points.times[0], grid - 1e-9), 0, len(points) - 1)
         seen.append(np.asarray(there)[nearest] & np.asarray(there)[np.maximum(nearest - 1, 0)])
     upright = frame @ up
-    # Of R = Ry(pitch) Rx(roll): R^T e_z = (-sin pitch, sin roll cos pitch, cos roll cos pitch).
+    # For R = Ry(pitch) Rx(roll): R^T e_z = (-sin pitch, sin roll cos pitch, cos roll cos pitch).
     pitch, roll = np.arcsin(np.clip(-upright[:, 0], -1, 1)), np.arctan2(upright[:, 1], upright[:, 2])
     parts = [f"{side}_{part}" for side in SIDES for part in ("shoulder", "elbow", "wrist")]
     filled = float(np.mean([~np.isfinite(points.of(name)).all(axis=1) for name in parts]))
@@ -290,7 +287,7 @@ def _person(points: KeyPoints, up: Array, window: float) -> Person:
 
 
 def _at_times(points: KeyPoints, name: str, grid: Array, window: float) -> Array:
-    """Return a point at times [s], shape (F, 3): averaged over time, and along straight lines over gaps."""
+    """Return a point at times [s], shape (F, 3), interpolated linearly over gaps and averaged over time."""
     from scipy.ndimage import gaussian_filter1d
 
     place, clock = points.of(name), points.times - points.times[0]
@@ -304,7 +301,7 @@ def _at_times(points: KeyPoints, name: str, grid: Array, window: float) -> Array
 
 
 def _head(place: dict[str, Array], frame: Array) -> Array:
-    """Return yaw and pitch of the head [rad], shape (F, 2); of points at the frames and axes of the trunk."""
+    """Return yaw and pitch of the head [rad], shape (F, 2), from points and trunk axes at all frames."""
 
     def of(*names: str) -> Array | None:
         found = [place[name] for name in names if name in place and np.isfinite(place[name]).all()]
@@ -324,7 +321,7 @@ def _head(place: dict[str, Array], frame: Array) -> Array:
 
 
 def _first_guess(pepper: PepperModel, person: Person, *, lean: bool) -> Array:
-    """Return joint positions within the limits, some degrees off the person's [rad], shape (F, n)."""
+    """Return approximate joint positions of the person's motion, within limits [rad], shape (F, n)."""
     q = np.tile(pepper.posture("Stand"), (person.times.size, 1))
     column, period = {name: k for k, name in enumerate(pepper.joint_names)}, float(person.times[1])
     q[:, column["HeadYaw"]], q[:, column["HeadPitch"]] = person.head.T
@@ -333,7 +330,7 @@ def _first_guess(pepper: PepperModel, person: Person, *, lean: bool) -> Array:
             frame_pose(pepper, pepper.joint_vector({"KneePitch": 0.0, name: 0.5}), "torso")
             for name in ("HipPitch", "HipRoll")
         ]
-        # The hip's axes point against those of the torso.
+        # The hip's axes may point opposite to the torso's axes.
         q[:, column["HipPitch"]] = math.copysign(1.0, turned[0][0, 2]) * person.lean[:, 0]
         q[:, column["HipRoll"]] = math.copysign(1.0, turned[1][2, 1]) * person.lean[:, 1]
         q[:, column["KneePitch"]] = 0.0
@@ -343,7 +340,7 @@ def _first_guess(pepper: PepperModel, person: Person, *, lean: bool) -> Array:
         roll = np.arcsin(np.clip(upper[:, 1], -1, 1))
         pitch = _steadied(np.arctan2(-upper[:, 2], upper[:, 0]), np.cos(roll), period)
         c, s, cr, sr = np.cos(pitch), np.sin(pitch), np.cos(roll), np.sin(roll)
-        # Of the forearm, in the axes of the upper arm: Rz(-roll) Ry(-pitch).
+        # The forearm in the axes of the upper arm: Rz(-roll) Ry(-pitch).
         ahead, down = c * fore[:, 0] - s * fore[:, 2], s * fore[:, 0] + c * fore[:, 2]
         along, across = cr * ahead + sr * fore[:, 1], cr * fore[:, 1] - sr * ahead
         bend = np.arccos(np.clip(along, -1, 1))
@@ -354,11 +351,11 @@ def _first_guess(pepper: PepperModel, person: Person, *, lean: bool) -> Array:
 
 
 class _Near:
-    """Distances of bodies that come near one another, and their gradients.
+    """Distances of bodies near one another, and their gradients.
 
     Args:
         pepper: The robot.
-        scene: What stands around it.
+        scene: The world around the robot.
     """
 
     def __init__(self, pepper: PepperModel, scene: Scene) -> None:
@@ -376,20 +373,21 @@ class _Near:
 
 
 def _fitted(pepper: PepperModel, person: Person, q: Array, scene: Scene) -> Array:
-    """Return joint positions of all frames that have the limbs' directions with small accelerations.
+    """Return joint positions of all frames that give the limbs' directions with small accelerations.
 
-    Least over the arms' joints of all frames, within their limits, is
+    Over the arms' joints of all frames, within their limits, the sum
         sum_f sum_k w_fk^2 |u_k(q_f) - d_fk|^2 + sum_fj (mu q''_fj / a_j)^2 + sum_fp (c s_fp)^2
-    with directions u_k and the person's d_k, accelerations q'' by second differences as parts of their limits
-    a, and shortages s_p of distance between bodies that are near; by damped Gauss-Newton steps, in which
-    joints at limits rest that the gradient pushes against (Bertsekas, Projected Newton methods for
-    optimization problems with simple constraints, 1982).  The matrix is banded: a frame meets the two before.
+    is minimized, with directions u_k and the person's d_k, accelerations q'' by second differences relative
+    to their limits a, and distance shortages s_p between near bodies; by damped Gauss-Newton steps, in which
+    joints stay at limits that the gradient pushes against (Bertsekas, Projected Newton methods for
+    optimization problems with simple constraints, 1982).  The matrix is banded: each frame is coupled with
+    the two before.
 
     Args:
         pepper: The robot.
-        person: The person.
-        q: Where to start, within the limits [rad], shape (F, n).
-        scene: What to keep clear of.
+        person: The person's motion.
+        q: Initial joint positions within the limits [rad], shape (F, n).
+        scene: The world to avoid.
     """
     from scipy.linalg import solveh_banded
 
@@ -433,10 +431,10 @@ def _of_limbs(
 
     Args:
         pepper: The robot.
-        person: The person.
-        weight: w^2, shape (F, 4).
+        person: The person's motion.
+        weight: Squared weights w^2 of the limbs, shape (F, 4).
         q: Joint positions [rad], shape (F, n).
-        arms: Places of the m joints.
+        arms: Indices of the arms' joints, shape (m,).
     """
     matrix, slope = np.zeros((len(q), arms.size, arms.size)), np.zeros((len(q), arms.size))
     torso = frame_pose(pepper, q, "torso")[:, :3, :3]
@@ -451,19 +449,19 @@ def _of_limbs(
 
 
 def _band(matrix: Array, share: Array, rests: np.ndarray) -> Array:
-    """Return the upper band of the matrix of `_fitted` as `scipy.linalg.solveh_banded` takes it.
+    """Return the upper band of the matrix of `_fitted` in the form of `scipy.linalg.solveh_banded`.
 
     Args:
-        matrix: Of each frame by itself, shape (F, m, m).
-        share: Factor of the squared second differences of each joint, shape (m,).
-        rests: Joints that rest, shape (F, m).
+        matrix: Diagonal block of each frame, shape (F, m, m).
+        share: Weight of the squared second differences of each joint, shape (m,).
+        rests: Whether each joint stays at its limit, shape (F, m).
     """
     count, m = rests.shape
     band = np.zeros((2 * m + 1, count, m))
     for i in range(m):
         for j in range(i, m):
             band[2 * m - (j - i), :, j] += matrix[:, i, j]
-    pattern = np.zeros((3, count))  # D^T D of second differences: its diagonal, and one and two frames off it
+    pattern = np.zeros((3, count))  # D^T D of second differences: its diagonal and two off-diagonals
     pattern[0], pattern[1, 1:], pattern[2, 2:] = 6.0, -4.0, 1.0
     pattern[0, [0, -1]], pattern[1, [1, -1]] = 2.0, -3.0
     for back in range(3):
@@ -476,11 +474,11 @@ def _band(matrix: Array, share: Array, rests: np.ndarray) -> Array:
 
 
 def _steadied(angle: Array, lever: Array, period: float) -> Array:
-    """Return an angle, shape (F,) [rad], averaged over time where it moves its limb but little.
+    """Return an angle [rad], shape (F,), averaged over time where it hardly moves its limb.
 
     Args:
-        angle: About an axis from which the limb points away by asin(lever).
-        lever: 0 to 1, shape (F,).
+        angle: Angle about an axis [rad], shape (F,); the limb points away from the axis by asin(lever).
+        lever: Sine of the angle between limb and axis, 0 to 1, shape (F,).
         period: Time between two frames [s].
     """
     from scipy.ndimage import gaussian_filter1d
@@ -516,7 +514,7 @@ def limb_directions(pepper: PepperModel, q: ArrayLike) -> Array:
 
 
 def _rounded(q: Array) -> Array:
-    """Return a uniform cubic B-spline of points (F, n), FINE times a frame, shape (FINE (F - 1) + 1, n)."""
+    """Return samples of the cubic B-spline of points, (F, n), FINE for each frame, (FINE (F - 1) + 1, n)."""
     four = np.concatenate([q[:1], q, q[-1:], q[-1:]])
     u = (np.arange(FINE) / FINE)[:, None]
     basis = np.hstack([(1 - u) ** 3, 3 * u**3 - 6 * u**2 + 4, -3 * u**3 + 3 * u**2 + 3 * u + 1, u**3]) / 6
@@ -526,9 +524,9 @@ def _rounded(q: Array) -> Array:
 
 
 def _moved_clear(pepper: PepperModel, asked: Array, scene: Scene) -> tuple[Array | None, Array]:
-    """Return joint positions [rad], shape (F, n), with arms that touch moved back, and by how much (F, 2).
+    """Return joint positions [rad], shape (F, n), with arms in contact moved back, and by how much, (F, 2).
 
-    None in place of positions that cannot be cleared.
+    The positions are None if the contact cannot be removed.
     """
     from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
@@ -573,7 +571,7 @@ def _timed(
     payload: Mapping[str, float] | None,
     begin: float,
 ) -> Retargeted:
-    """Return the motion through joint positions q [rad], shape (F, n), within all limits."""
+    """Return the result with the motion through joint positions q [rad], shape (F, n), within all limits."""
     raw = Trajectory.from_positions(pepper, person.times, q, interpolation="monotone")
     period = float(person.times[1])
     try:

@@ -1,4 +1,4 @@
-"""Commands of industrial robots one after the other: PTP, LIN, CIRC."""
+"""Sequences of commands of industrial robots: PTP, LIN, CIRC."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ from pepper_kin.trajectory.path import as_cubic_path
 
 @dataclass(frozen=True, eq=False)
 class PTP:
-    """Every joint straight to a goal, all at once ("point to point").
+    """Straight motion of all joints to a goal at the same time ("point to point").
 
     Attributes:
-        to: Joint positions [rad or m], shape (n,), or by name, the others as they are; or IK tasks.
+        to: Goal positions [rad or m], shape (n,), or by name, with the other joints at rest; or IK tasks.
     """
 
     to: ArrayLike | Mapping[str, float] | Sequence[Task]
@@ -55,29 +55,30 @@ def sequence(
     timeout: float = 2.0,
     **limits: Any,
 ) -> Followed:
-    """Execute commands one after the other: `PTP` as fast as limits allow, curves of a hand by `follow`.
+    """Execute a sequence of commands: `PTP` as fast as limits allow, curves of a hand by `follow`.
 
-    The motion rests between a `PTP` and what is beside it, and at corners of curves that are not blended.
+    The motion stops before and after each `PTP`, and at corners of curves that are not blended.
 
     Args:
         pepper: The robot.
-        start: Joint positions to start from [rad or m], shape (n,).
+        start: Initial joint positions [rad or m], shape (n,).
         hand: "left" or "right".
         moves: The commands.
-        speed: Of the hand along curves [m/s]; None: as fast as limits allow.
+        speed: Speed of the hand along curves [m/s]; None: as fast as limits allow.
         tasks: Further tasks along curves: a function of the hand's positions [m], shape (K, 3), such as
             `lambda points: [LookAt(points)]`.
-        scene: The world around the robot, without obstacles that move.
+        scene: The world around the robot, without moving obstacles.
         margin: Distance to keep to the scene along curves [m].
-        timeout: As for `follow`, for each stretch of curves [s].
-        limits: As for `follow`.
+        timeout: Time after which `follow` tries no further starts and weights, for each run of curves [s].
+        limits: Further options, as `follow` takes them.
 
     Returns:
-        The motion, or the reason why one of the commands is not possible; `reached` is the share of commands.
+        The motion, or the reason why one of the commands is not possible; `reached` is the fraction of
+        completed commands.
 
     Raises:
-        InvalidValueError: for no command, or something that is none; and as `follow`.
-        UnknownNameError: as `follow`.
+        InvalidValueError: for no command, another type, or an argument that `follow` refuses.
+        UnknownNameError: for an unknown hand, joint or group.
         LimitError: for a start or goal outside the joint limits.
     """
     begin, world = time.perf_counter(), checked_world(scene) or Scene()
@@ -138,7 +139,7 @@ def _tasks_on(
 def _straight(
     pepper: PepperModel, q: Array, command: PTP, world: Scene, limits: Mapping[str, Any]
 ) -> Followed:
-    """Return the motion of all joints straight to a goal, from joint positions q, shape (n,)."""
+    """Return the straight motion of all joints to a goal, from joint positions q [rad or m], shape (n,)."""
     goal = command.to
     if isinstance(goal, Mapping):
         goal = pepper.joint_vector(goal, rest=q)

@@ -1,4 +1,4 @@
-"""Searches for motions from rest to rest, of which a loop does a part in each of its cycles."""
+"""Search of motions from rest to rest in time slices, one in each cycle of a control loop."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from pepper_kin.planners.compiled import PausedClock, Slices
 from pepper_kin.trajectory import Trajectory, retime
 
 MOST_SLICES, LONGEST = 20, 0.3
-"""Slices that a search may take, and time [s]."""
+"""Maximum number of slices, and maximum time [s], of a search."""
 
 
 class SlicedSearch:
-    """One search at a time: a path by `plan`'s own search, and its timing.
+    """Time-sliced search of one motion: a path by the search of `plan`, and its timing.
 
     Args:
         pepper: The robot, whose limits are kept.
-        margin: As in `plan` [m].
+        margin: Requested distance to all bodies [m].
         budget: Time of a slice [s].
-        limits: `torque`, `torque_scale` and `balance`, as in `retime`.
+        limits: Options `torque`, `torque_scale` and `balance` of `retime`.
     """
 
     def __init__(self, pepper: PepperModel, margin: float, budget: float, limits: dict[str, Any]) -> None:
@@ -43,20 +43,20 @@ class SlicedSearch:
         return self._slices is not None
 
     def begin(self, start: Array, goal: Array, scene: Scene, seed: int) -> None:
-        """Begin a search in place of the one there is; `go_on` does all of its work.
+        """Begin a search in place of the current one; `go_on` does the work.
 
-        Every other one moves all joints but those of a base, not only those in which the ends differ.
+        With an odd seed, all joints except the base's may move, not only joints in which the ends differ.
 
         Args:
-            start: Where the motion begins [rad or m], shape (n,).
-            goal: Where it ends, shape (n,).
+            start: Start configuration [rad or m], shape (n,).
+            goal: Goal configuration [rad or m], shape (n,).
             scene: The world.
-            seed: Of all random choices.
+            seed: Seed of all random choices.
         """
         self._slices = self._search(start, goal, scene, seed)
 
     def go_on(self) -> Trajectory | None:
-        """Search for the time of a slice; return the motion, None where none was found or it runs still."""
+        """Search for one slice of time; return the motion, or None if none is found or the search goes on."""
         assert self._slices is not None
         self._clock.resume(self._budget)
         try:
@@ -70,7 +70,7 @@ class SlicedSearch:
         return None
 
     def _search(self, start: Array, goal: Array, scene: Scene, seed: int) -> Slices[Trajectory | None]:
-        """Return a motion, None where none is found; with pauses where a slice is over."""
+        """Return a motion, or None if none is found; pause at the end of each slice."""
         free = [name for name in self._pepper.joint_names if name not in BASE_JOINTS]
         options = PlanOptions(
             margin=self._margin, seed=seed, timeout=min(MOST_SLICES * self._budget, LONGEST),
@@ -80,7 +80,7 @@ class SlicedSearch:
         try:
             request = PlanRequest(self._pepper, start, goal, scene, options).checked(now=self._clock.now)
             if not request.checks.free(np.stack([start, goal])).all():
-                return None  # `ends_of` would look for the reason, for long
+                return None  # `ends_of` would take long to find the reason
             ends = ends_of(request)
             if isinstance(ends, Plan) or moves_base(self._pepper, ends.free):
                 return None

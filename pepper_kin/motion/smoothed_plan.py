@@ -26,30 +26,30 @@ from pepper_kin.trajectory.balance import moves_base as wheels_move
 from pepper_kin.trajectory.balance import support_polygon
 from pepper_kin.trajectory.path import CubicPath
 
-_LEAST_SHARE = 0.05  # of the timeout, for the optimization of a plan that took all of it
+_LEAST_SHARE = 0.05  # minimum fraction of the timeout for the optimization
 
 
 def refuse_costs(costs: Sequence[PathCost | Task | TaskGroup] | None) -> None:
-    """Refuse soft costs of a plan that is to be smoothed, since the optimization would undo them.
+    """Refuse soft costs together with smoothing, since the optimization would undo them.
 
     Raises:
-        InvalidValueError: There are any.
+        InvalidValueError: if soft costs are given.
     """
     if costs is not None:
         raise InvalidValueError("smooth", True, "False with soft costs: time such a plan with retime()")
 
 
 def smoothed(pepper: PepperModel, plan: Plan, scene: Scene | None, options: PlanOptions) -> Plan:
-    """Return a plan with a trajectory: optimized where that is better than retimed, as `plan(smooth=)` says.
+    """Return a plan with a trajectory: optimized if that is better than retimed.
 
-    The optimized motion counts only if it keeps what the curve of a plan keeps, all along: half the margin,
-    and that the joints can hold it against gravity.
+    The optimized motion is accepted only if it keeps everywhere what the curve of a plan keeps: half the
+    margin, and holding torques.
 
     Args:
         pepper: The robot.
-        plan: What was planned; one without a curve is returned as it is.
+        plan: The plan; one without a curve is returned unchanged.
         scene: The world around the robot.
-        options: Those of the plan; at least a twentieth of the time is left to the optimization.
+        options: Options of the plan; at least a twentieth of the time is left for the optimization.
     """
     balance, payload, timeout = options.balance, options.payload, options.timeout
     if plan.curve is None:
@@ -87,7 +87,7 @@ def smoothed(pepper: PepperModel, plan: Plan, scene: Scene | None, options: Plan
 
 
 def _not_optimized(pepper: PepperModel, curve: CubicPath, balance: float | None) -> str | None:
-    """Return what a motion has that `optimize` does not know; None where it knows all."""
+    """Return in words why `optimize` cannot handle a motion; None if it can."""
     if drives(pepper, np.flatnonzero((curve.coefficients[:, 1:] != 0.0).any(axis=(0, 1)))):
         return "a base that goes where it points"
     if balance is not None and support_polygon(pepper) is not None and wheels_move(pepper):
@@ -96,7 +96,7 @@ def _not_optimized(pepper: PepperModel, curve: CubicPath, balance: float | None)
 
 
 def _keeps_what_plans_keep(checks: Checks, motion: Trajectory, margins: tuple[float, float]) -> bool:
-    """Whether a motion keeps half the margins of its ends, and can be held, all along."""
+    """Whether a whole motion keeps half the margins of its ends, and can be held."""
     moved = np.flatnonzero(motion.start != motion.end)
     kept, kept_self = checks.margins(motion.start, motion.end[None], moved, margins[0])
     kept, strictly = max(kept / 2, margins[1]), margins[1] > 0.0

@@ -1,4 +1,4 @@
-"""Static limits of postures: holding torques and balance, with what is carried."""
+"""Static limits of postures: holding torques and balance, including carried loads."""
 
 from __future__ import annotations
 
@@ -48,16 +48,15 @@ if TYPE_CHECKING:
 
 
 ROOM_ALONG = ROOM_TO_MOVE / 2
-"""What curves, which round the corners of paths, keep of `ROOM_TO_MOVE` [m]."""
+"""Balance reserve that curves keep, half of `ROOM_TO_MOVE`, since they cut the corners of paths [m]."""
 
 LONGEST_ARM = 0.5
-"""How far from the center of mass inverse kinematics takes a load to be [m]."""
+"""Assumed distance of a load from the center of mass in inverse kinematics [m]."""
 
 LEAST_STEP, LONGEST_STEP = 0.0005, 0.1
-"""Shortest and longest distance that a point of the body moves between states of a curve of which is asked
-whether they can be held [m]."""
+"""Minimum and maximum motion of a body point between curve states whose holding torques are checked [m]."""
 
-_WRENCH = [2, 3, 4]  # of the floor's wrench: the force along z, and the moments about x and y
+_WRENCH = [2, 3, 4]  # components of the floor's wrench: force along z, moments about x and y
 _GRAVITY = 9.81  # [m/s^2]
 _UNITS = {"rad": "N m", "m": "N"}
 
@@ -71,15 +70,15 @@ _SOURCES = (
 
 @dataclass(frozen=True, eq=False)
 class StaticLimits:
-    """Limits of postures at rest, the same as `retime` asks for of a motion that is ever so slow.
+    """Limits of postures at rest, as `retime` would keep them in an infinitely slow motion.
 
     Attributes:
         pepper: The robot.
-        balance: Distance that the center of mass keeps from the edges of the wheels' triangle [m]; None lets
-            the base be held from below.
-        carrying: What is carried.
-        torque_scale: Share of the effort limits that a motion may use, of which holding still may take
-            `HOLDING_SHARE`.
+        balance: Distance that the center of mass keeps from the edges of the wheels' triangle [m]; None if
+            the base is held.
+        carrying: Carried loads.
+        torque_scale: Fraction of the effort limits that a motion may use; holding may use `HOLDING_SHARE` of
+            it.
     """
 
     pepper: PepperModel
@@ -89,16 +88,16 @@ class StaticLimits:
 
     @property
     def holding_share(self) -> float:
-        """Share of the effort limits that holding still may take."""
+        """Fraction of the effort limits that holding may use."""
         return HOLDING_SHARE * self.torque_scale
 
     def __post_init__(self) -> None:
-        """Load, or compile, the kernel before any clock starts."""
+        """Load or compile the kernel before any clock starts."""
         _ = self.kernel  # no assert, which -O leaves out
 
     @cached_property
     def kernel(self) -> Kernel:
-        """From a configuration and what is carried, one vector, to what `StaticLoads` says."""
+        """Kernel from a vector of configuration and load parameters to static loads, see `StaticLoads`."""
         frames, balanced = self._parameters.frames, self.balance is not None
         if not frames and not balanced:
             return kernel(self.pepper, "gravity_torque")
@@ -106,17 +105,17 @@ class StaticLimits:
 
     @cached_property
     def effort_limits(self) -> Array:
-        """What holding still may ask of the joints [N m or N], shape (n,)."""
+        """Maximum holding efforts of the joints [N m or N], shape (n,)."""
         return self.holding_share * self.pepper.effort_limits
 
     @cached_property
     def loads(self) -> StaticLoads:
-        """What compiled checks of edges take."""
+        """Inputs of compiled checks of edges."""
         return self._loads(ROOM_TO_MOVE)
 
     @cached_property
     def loads_along(self) -> StaticLoads:
-        """What compiled checks of curves take, of which states are `step` apart at most."""
+        """Inputs of compiled checks of curves, whose states are at most `step` apart."""
         return self._loads(ROOM_ALONG)
 
     def _loads(self, margin: float) -> StaticLoads:
@@ -126,7 +125,7 @@ class StaticLimits:
         return StaticLoads(self.kernel, self._parameters.static, np.ascontiguousarray(self._edges(margin)))
 
     def tasks(self) -> tuple[Task, ...]:
-        """Return tasks that lead inverse kinematics to balanced postures, whatever a hand carries."""
+        """Return tasks that lead inverse kinematics to balanced postures with the carried loads."""
         if self.balance is None:
             return ()
         shift = LONGEST_ARM * sum(load.mass for load in self.carrying) / total_mass(self.pepper)
@@ -137,8 +136,8 @@ class StaticLimits:
         """Whether postures, shape (m, n), may be states of a path; shape (m,).
 
         Args:
-            q: The postures.
-            margin: Distance that they keep beyond `balance` [m]: curves keep `ROOM_ALONG`.
+            q: Postures [rad or m], shape (m, n).
+            margin: Distance to keep beyond `balance` [m]; curves keep `ROOM_ALONG`.
         """
         if self.pepper.solvers != "fast":
             robot = carrying(self.pepper, self.carrying)
@@ -162,12 +161,12 @@ class StaticLimits:
 
     @cached_property
     def step(self) -> float:
-        """How far any point of the body may move between states of a curve [m].
+        """Maximum motion of any point of the body between checked states of a curve [m].
 
-        Where no mass moves farther than d, the torque of a joint that turns changes by at most g m d, with m
-        the mass that it carries, and the center of mass by at most d.  Half a step from a state to the next
-        thus uses up no more than the share of the effort, and of the distance, that is kept unused.  Of the
-        robot alone, steps are no shorter than those of its examination.
+        If no mass moves farther than d, the torque of a revolute joint changes by at most g m d, with m the
+        mass that it carries, and the center of mass by at most d.  Half a step thus uses at most the unused
+        reserve of effort and distance.  For the robot alone without balance, steps are not shorter than those
+        of the collision check.
         """
         spare = (self.torque_scale - self.holding_share) * self.pepper.effort_limits
         carried = _GRAVITY * np.maximum(self._carried_masses(), 1e-9)
@@ -184,17 +183,17 @@ class StaticLimits:
         return torque + load_torque(self.pepper, self.carrying, q, none, none) if self.carrying else torque
 
     def weakest(self, q: Array) -> int | None:
-        """Return the joint most overloaded by a posture, shape (n,); None where all can hold it."""
+        """Return the index of the joint most overloaded by a posture, shape (n,); None if all can hold it."""
         joint = self.most_loaded(q)
         use = np.abs(self.torque(q)[joint]) / max(self.pepper.effort_limits[joint], 1e-12)
         return joint if use > self.holding_share else None
 
     def most_loaded(self, q: Array) -> int:
-        """Return the joint that needs the greatest share of its effort to hold a posture, shape (n,)."""
+        """Return the index of the joint that needs most of its effort to hold a posture, shape (n,)."""
         return int(np.argmax(np.abs(self.torque(q)) / np.maximum(self.pepper.effort_limits, 1e-12)))
 
     def distance_inside(self, q: Array) -> float:
-        """Return how far inside the wheels' triangle the center of mass is at a posture, shape (n,) [m]."""
+        """Return the distance of the center of mass inside the wheels' triangle at q, shape (n,) [m]."""
         polygon, none = support_polygon(self.pepper), np.zeros((1, q.size))
         if polygon is None:
             return float("inf")
@@ -205,22 +204,22 @@ class StaticLimits:
 
         Args:
             q: The posture [rad or m], shape (n,).
-            margin: Distance that it keeps beyond `balance` [m].
+            margin: Distance to keep beyond `balance` [m].
         """
         return self.balance is not None and self.distance_inside(q) < self.balance + margin
 
     @property
     def carried(self) -> str:
-        """What is held, in words that may be empty."""
+        """Carried loads in words; empty for none."""
         return carried_words(self.carrying)
 
     def violation(self, q: Array, what: str, margin: float = ROOM_TO_MOVE) -> str:
-        """Return a sentence on the limit that a posture exceeds most; empty where it can be held.
+        """Return a sentence on the limit that a posture exceeds most; empty if it can be held.
 
         Args:
             q: The posture [rad or m], shape (n,).
-            what: Its name, such as "start".
-            margin: Distance that it keeps beyond `balance` [m].
+            what: Name of the posture, such as "start".
+            margin: Distance to keep beyond `balance` [m].
         """
         joint, carried = self.weakest(q), self.carried
         if joint is not None:
@@ -241,7 +240,7 @@ class StaticLimits:
         )
 
     def short_of(self, q: Array) -> str:
-        """Return in a word or two what does not suffice for a posture, shape (n,), that cannot be held."""
+        """Return in a word or two what is insufficient for a posture, shape (n,), that cannot be held."""
         joint = self.weakest(q)
         return "balance" if joint is None else f"torque of {self.pepper.joint_names[joint]}"
 
@@ -250,7 +249,7 @@ class StaticLimits:
         return load_parameters(self.pepper, self.carrying)
 
     def _edges(self, margin: float) -> Array:
-        """Return what the floor's force and moments are multiplied with, shape (k, 3)."""
+        """Return the matrix from the floor's force and moments to edge moments, shape (k, 3)."""
         found = self._known_edges.get(margin)
         if found is None:
             polygon = support_polygon(self.pepper)
@@ -263,12 +262,12 @@ class StaticLimits:
 
     @cached_property
     def _known_edges(self) -> dict[float, Array]:
-        """`_edges` of the margins that were asked for: `ROOM_TO_MOVE`, `ROOM_ALONG` and few more."""
+        """Margin [m] -> matrix of `_edges`, for `ROOM_TO_MOVE`, `ROOM_ALONG` and few more."""
         return {}
 
     @cached_property
     def _base(self) -> list[int]:
-        """Places of the base's joints: a robot at rest stands as well wherever its base is."""
+        """Indices of the base's joints, on which balance at rest does not depend."""
         return [self.pepper.joint_index(joint) for joint in BASE_JOINTS] if moves_base(self.pepper) else []
 
     def _carried_masses(self) -> Array:
@@ -289,12 +288,12 @@ def static_limits(
     scene: Scene | None = None,
     torque_scale: TorqueScale = "robot",
 ) -> StaticLimits:
-    """Return the limits of postures at rest that a user has set, in the terms of `retime`.
+    """Return the limits of postures at rest from options of planning; see `plan`.
 
-    What is attached in the scene is carried too.
+    Objects attached in the scene count as carried loads.
 
     Raises:
-        InvalidValueError: for a distance or mass that is none, or balance of a robot without wheels.
+        InvalidValueError: for an invalid distance or mass, or balance of a robot without wheels.
         UnknownNameError: for a frame that the robot lacks.
     """
     share = kept_torque_scale(pepper, torque_scale)
@@ -305,23 +304,23 @@ def static_limits(
 def _kept_limits(
     pepper: PepperModel, balance: float | None, carrying: Loads, torque_scale: float
 ) -> StaticLimits:
-    """Return the limits, which are made once."""
+    """Return the limits, created once for equal arguments."""
     return StaticLimits(pepper, balance, carrying, torque_scale)
 
 
 @kept_for_robot(most=64)
 def _static_kernel(pepper: PepperModel, frames: tuple[str, ...], balanced: bool) -> Kernel:
-    """Return the kernel of `_static_load`."""
+    """Return the compiled kernel of static loads."""
     sources = source_digest(*_SOURCES, __name__)
     key = f"static load {frames} {balanced} of {robot_digest(pepper)} by {sources}"
     return compile_function(lambda: _static_load(pepper, frames, balanced), key=key)
 
 
 def _static_load(pepper: PepperModel, frames: tuple[str, ...], balanced: bool) -> casadi.Function:
-    """Return the function from a configuration and m, m c at frames to torques and, if asked, floor's wrench.
+    """Return the function from a configuration and m, m c at frames to torques and, if balanced, the wrench.
 
-    The wrench is that of the robot with its base where the world begins: on a level floor, a robot at rest
-    stands as well wherever its base is.
+    The floor's wrench is for the base at the world's origin: on a level floor, balance at rest does not
+    depend on the base's pose.
     """
     import casadi
 
@@ -345,5 +344,5 @@ def _static_load(pepper: PepperModel, frames: tuple[str, ...], balanced: bool) -
 
 
 def _amount(value: float) -> str:
-    """Return a torque or force for a message, with two decimals where that is not 0.00."""
+    """Return a torque or force for a message, with two decimals unless that gives 0.00."""
     return f"{value:.2f}" if 0.01 <= value < 1e6 else f"{value:.3g}"

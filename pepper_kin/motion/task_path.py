@@ -1,4 +1,4 @@
-"""IK tasks along a parameter: of a route of a hand [m], or of any other, such as time."""
+"""IK tasks along a parameter: the length of a hand's route [m], or any other, such as time."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from pepper_kin.motion.follow_result import FollowStatus
 
 TasksAlong: TypeAlias = Callable[[Array], Task | TaskGroup | Iterable[Task | TaskGroup]]
 
-_NODE_EVERY = 0.04  # [m] on routes
+_NODE_EVERY = 0.04  # minimum distance between first nodes on routes of several curves [m]
 _LEAST_NODES = 16
 _START_COUNT = 8
-_LOOKS = 5  # places that are looked at for a lack of joints
+_LOOKS = 5  # number of places examined for lacking joints
 
 
 class TaskPath:
@@ -35,12 +35,12 @@ class TaskPath:
     Args:
         pepper: The robot.
         tasks: The tasks at values of the parameter, shape (K,), with K targets each, or one for all.
-        over: The route whose length is the parameter, or the parameter's greatest value; it begins at 0.
-        moving: Which joints may move, shape (n,).
-        scene: The world; what hangs on the robot in it counts in centers of mass.
+        over: The route whose length is the parameter, or the parameter's maximum; the parameter begins at 0.
+        moving: Whether each joint may move, shape (n,).
+        scene: The world; its attached objects count for the center of mass.
 
     Attributes:
-        length: Greatest value of the parameter.
+        length: Maximum value of the parameter.
         corners: Values at which the motion has to stop, shape (m,).
         closed: Whether the path ends where it begins.
         is_route: Whether the parameter is the length of a route.
@@ -75,7 +75,7 @@ class TaskPath:
         return [task.at(0) for task in self.at(np.array([s]))]
 
     def nodes(self) -> Array:
-        """Return the first nodes, shape (K,), ends of curves among them; a closed path's end is left out."""
+        """Return the first nodes, shape (K,), including ends of curves, but not the end of a closed path."""
         step = self.length / _LEAST_NODES
         if self.is_route and len(self._cuts) > 2:
             step = max(step, _NODE_EVERY)
@@ -97,11 +97,11 @@ class TaskPath:
         return ik.solutions(self.pepper, tasks, count=_START_COUNT, scene=self.scene, joints=self.joints)
 
     def lacking_joints(self, start: Array, reached: float) -> str:
-        """Return which tasks the joints that may move cannot meet, and what would; empty where they can.
+        """Return a sentence on tasks that the movable joints cannot meet; empty if all joints may move.
 
         Args:
-            start: Where the others stay [rad or m], shape (n,).
-            reached: Where on the way it failed, 0 to 1: from there on is looked.
+            start: Configuration with the positions of the other joints [rad or m], shape (n,).
+            reached: Fraction of the path that was reached, 0 to 1; the rest is examined.
         """
         if self.joints is None:
             return ""
@@ -114,7 +114,7 @@ class TaskPath:
         return "The joints that may move reach all of it, but not from this start: let more joints move."
 
     def unreachable(self, before: Array, tasks: Sequence[Task]) -> tuple[FollowStatus, str]:
-        """Return why no posture near another one, shape (n,), meets tasks, those of a place."""
+        """Return status and reason why no posture near another one, shape (n,), meets given tasks."""
         pepper = self.pepper
         before = np.clip(before, pepper.lower_limits, pepper.upper_limits)
         far = ik.solve(pepper, tasks, start=before, joints=self.joints, collisions=False)

@@ -1,4 +1,4 @@
-"""Validation of paths: states so dense that nothing passes between them, and the first one at fault."""
+"""Validation of paths: states so dense that nothing fits between them, and the first invalid one."""
 
 from __future__ import annotations
 
@@ -32,22 +32,22 @@ from pepper_kin.trajectory.samples import State, refuse_other_joints
 
 AnyPath: TypeAlias = "ArrayLike | PiecewiseCubic | PlannedPath | Trajectory"
 MOST_STATES = 4_000_000
-"""States of one path, an hour's or 2 km: half a gigabyte for Pepper, and minutes to look at them."""
+"""Maximum number of states of one path, for an hour or 2 km: half a gigabyte for Pepper, and minutes."""
 INSTANTS = 0.001
-"""Between states of a trajectory, where they are not nearer for the body's sake [s]."""
+"""Maximum time between states of a trajectory; states are closer if the body moves far [s]."""
 TOLERANCE = 1e-7
-"""Of a limit, for rounding."""
+"""Violation attributed to rounding, relative to the width of the limits."""
 _BLOCK = 2048
 
 
 @dataclass(frozen=True, eq=False)
 class DenseStates:
-    """States of a motion in order.
+    """States along a motion.
 
     Attributes:
         positions: Joint positions [rad or m], shape (N, n).
-        places: Where they are: number of the way-point and share of the edge behind it, the curve's
-            parameter, or the time [s]; shape (N,), rising.
+        places: Position of each state along the motion, increasing, shape (N,): index of the way-point plus
+            fraction of the next edge, the curve's parameter, or the time [s].
     """
 
     positions: Array
@@ -55,7 +55,7 @@ class DenseStates:
 
 
 def checked_path(pepper: PepperModel, path: Any) -> Array | CubicPath | Trajectory:
-    """Return way-points, shape (k, n) with k >= 1, a curve or a trajectory, of anything that may be one.
+    """Return a path of any kind as way-points, shape (k, n) with k >= 1, a curve or a trajectory.
 
     Args:
         pepper: The robot.
@@ -83,7 +83,7 @@ def checked_path(pepper: PepperModel, path: Any) -> Array | CubicPath | Trajecto
 
 
 def polyline(points: Array) -> CubicPath:
-    """Return the straight edges between way-points, shape (k, n), k >= 2, as a curve over their numbers."""
+    """Return the straight edges between way-points, shape (k, n), k >= 2, as a curve over their indices."""
     coefficients = np.zeros((len(points) - 1, 4, points.shape[1]))
     coefficients[:, 0], coefficients[:, 1] = points[:-1], np.diff(points, axis=0)
     return CubicPath(np.arange(len(points)).astype(np.float64), coefficients)
@@ -92,16 +92,16 @@ def polyline(points: Array) -> CubicPath:
 def dense_states(
     pepper: PepperModel, scene: Scene | None, path: Array | CubicPath | Trajectory, step: float = SHORTEST
 ) -> DenseStates:
-    """Return states, ends included, between which no point of the body moves more than a step [m].
+    """Return states, including both ends, between which no point of the body moves more than a step [m].
 
     Args:
         pepper: The robot.
-        scene: The world, with what the robot holds; None for the robot alone.
+        scene: The world, with attached objects; None for the robot alone.
         path: Way-points [rad or m], shape (k, n); a curve or a trajectory.
-        step: The greatest distance that a point moves [m].
+        step: Maximum motion of a body point between states [m].
 
     Raises:
-        InvalidValueError: for a path so long that these are more than `MOST_STATES`.
+        InvalidValueError: for a path of more than `MOST_STATES` states.
     """
     if isinstance(path, Trajectory):
         return _of_trajectory(pepper, scene, path, step)
@@ -121,7 +121,7 @@ def dense_states(
 
 
 def _way(curve: CubicPath) -> Array:
-    """Return how far joints go from end to end of its pieces, summed up, shape (n,) [rad or m]."""
+    """Return the joints' motion from end to end of the curve's pieces, summed up [rad or m], shape (n,)."""
     h, (_, first, second, third) = np.diff(curve.breaks)[:, None], curve.coefficients.swapaxes(0, 1)
     return np.asarray(np.abs((first + (second + third * h) * h) * h).sum(axis=0))
 
@@ -132,12 +132,12 @@ def _refuse_many(pepper: PepperModel, count: float, way: Array, reach: Array, st
     Args:
         pepper: The robot.
         count: Number of states.
-        way: How far each joint goes [rad or m], shape (n,).
-        reach: How far a joint moves a point of the body, shape (n,).
-        step: Between two states a point moves as far [m].
+        way: Total motion of each joint [rad or m], shape (n,).
+        reach: Bounds on how far each joint moves a point of the body, shape (n,).
+        step: Motion of a body point between two states [m].
 
     Raises:
-        InvalidValueError: naming the joint that moves the body farthest, and its way.
+        InvalidValueError: for too many states, naming the joint that moves the body farthest, and its motion.
     """
     if not 0 <= count <= MOST_STATES:
         j = int(np.argmax(way * np.where(way > 0, reach, 0.0)))
@@ -167,7 +167,7 @@ def _of_trajectory(pepper: PepperModel, scene: Scene | None, path: Trajectory, s
 
 
 class ValidationStatus(ResultStatus):
-    """What the first invalid state breaks; `advice` says what to try."""
+    """Limit that the first invalid state violates; `advice` says what to try."""
 
     VALID = "valid", "Time a path with retime(), or make it shorter with simplify_path()."
     JOINT_LIMIT = "joint_limit", "Keep the path within the joint limits, or check the order of the joints."
@@ -184,18 +184,18 @@ class ValidationStatus(ResultStatus):
 
 @dataclass(frozen=True, eq=False)
 class Validation(BriefRepr):
-    """The outcome of `validate`.
+    """Result of `validate`.
 
     Attributes:
-        status: What the first invalid state breaks.
-        message: The same in a sentence, with names and numbers.
-        place: Where the first invalid state is: for way-points the number of the one before it and the share
-            of the edge between (2.25: a quarter of the way from number 2 to number 3), the curve's parameter,
-            or the time [s]; None where all is valid.
-        q: That state [rad or m], shape (n,), read-only; None where all is valid.
-        contacts: Names of what touches there.
-        joint: The joint to blame, or None.
-        states_checked: Number of states looked at.
+        status: Limit that the first invalid state violates.
+        message: The fault in a sentence, with names and numbers.
+        place: Position of the first invalid state: for way-points the index of the previous one plus the
+            fraction of the edge (2.25: a quarter of the way from number 2 to number 3), the curve's
+            parameter, or the time [s]; None if all states are valid.
+        q: First invalid state [rad or m], shape (n,), read-only; None if all states are valid.
+        contacts: Names of the pairs in contact in that state.
+        joint: Name of the joint at fault, or None.
+        states_checked: Number of states checked.
     """
 
     status: ValidationStatus
@@ -213,11 +213,11 @@ class Validation(BriefRepr):
 
     @property
     def advice(self) -> str:
-        """What to try, in a sentence."""
+        """Advice on what to try, as a sentence."""
         return self.status.advice
 
     def report(self) -> str:
-        """Say in plain words whether the path is valid, or where it is not, and what to try."""
+        """Return in plain words whether the path is valid, or where it is not, and what to try."""
         return f"{self.message} {self.advice}"
 
 
@@ -231,32 +231,33 @@ def validate(
     torque_scale: TorqueScale = "robot",
     payload: Mapping[str, float] | None = None,
 ) -> Validation:
-    """Check a path, a curve or a trajectory from anywhere: joint limits, collisions, torque, balance.
+    """Check a given path, curve or trajectory: joint limits, collisions, torque, balance.
 
-    States are looked at so densely that no point of the body moves farther than half a millimeter from one to
-    the next.  Of paths and curves each state has to be one that the joints can hold against gravity, as
-    `plan` asks of its curves; of a trajectory, velocity, acceleration, torque and the zero-moment point have
-    to be within their limits, in motion.
+    States are so dense that no point of the body moves more than half a millimeter from one to the next.  For
+    paths and curves, the joints must be able to hold each state against gravity, as for curves of `plan`; for
+    a trajectory, velocity, acceleration, torque and the zero-moment point must be within their limits in
+    motion.
 
     Args:
         pepper: The robot.
-        path: Way-points [rad or m], shape (k, n), which straight edges join; a piecewise cubic curve; a plan;
+        path: Way-points [rad or m], shape (k, n), joined by straight edges; a piecewise cubic curve; a plan;
             or a trajectory.
-        scene: The world around the robot, with what it holds; None for the robot alone.
-        margin: Distance that is to be kept to the scene [m].
-        balance: Distance that is kept from the edges of the wheels' triangle [m], as of `plan`: by the center
-            of mass of paths and curves, with 2 mm more to move with, by the zero-moment point of
-            trajectories, of which "robot" asks for 0 as `Trajectory.check` does; None leaves it out.
-        torque_scale: Share of the effort limits, as of `plan`; of trajectories all of them count.
-        payload: Point masses held at "left", "right" or a frame by name [kg], as of `plan`.
+        scene: The world around the robot, with attached objects; None for the robot alone.
+        margin: Distance to be kept to the scene [m].
+        balance: Distance to be kept from the edges of the wheels' triangle [m]: by the center of mass for
+            paths and curves, with a reserve of 2 mm; by the zero-moment point for trajectories.  "robot" for
+            the robot's requirement, but 0 for trajectories, as in `Trajectory.check`; None to leave balance
+            out.
+        torque_scale: Fraction of the effort limits for holding torques; trajectories may use the full limits.
+        payload: Point masses held at "left", "right" or a frame by name [kg].
 
     Returns:
-        Valid, or the first state that is not, and what it breaks.
+        The validation: valid, or the first invalid state and the limit that it violates.
 
     Raises:
-        InvalidValueError: for a wrong shape, NaN, a trajectory of other joints, a margin below zero, a
-            distance or mass that is none, balance of a robot without wheels, or a path so long that more than
-            four million states would be looked at.
+        InvalidValueError: for a wrong shape, NaN, a trajectory of other joints, a margin below zero, an
+            invalid distance or mass, balance of a robot without wheels, or a path of more than four million
+            states.
         UnknownNameError: for a frame of the payload that the robot lacks.
         InfeasibleError: for a plan that failed, with its reason.
     """
@@ -286,11 +287,11 @@ def validate(
 
 
 Finding = tuple[int, ValidationStatus, str, "str | None"]
-"""Number of the first invalid state, what it breaks, a sentence, and the joint to blame."""
+"""Index of the first invalid state, violated limit, sentence, and name of the joint at fault or None."""
 
 
 class _Look:
-    """Looks at states in order; each method returns the first that breaks something, or None."""
+    """Checks of states in order; each method returns the first invalid one, or None."""
 
     def __init__(self, checks: Checks, dense: DenseStates, margin: float) -> None:
         self.checks, self.dense, self.margin = checks, dense, margin
@@ -314,7 +315,7 @@ class _Look:
         return at, _STATUS_OF[quantity], what, name
 
     def motion(self, trajectory: Trajectory, end: int) -> Finding | None:
-        """Look at velocity, acceleration, torque and balance of the first states."""
+        """Check velocity, acceleration, torque and balance of the first `end` states."""
         found: Finding | None = None
         if not end:
             return found
@@ -331,7 +332,7 @@ class _Look:
         return tipping if tipping is not None and (found is None or tipping[0] < found[0]) else found
 
     def _tipping(self, state: State) -> Finding | None:
-        """Look for the first state in motion whose zero-moment point is not where balance asks for it."""
+        """Find the first state in motion whose zero-moment point violates the balance margin."""
         statics, polygon = self.checks.statics, support_polygon(self.pepper)
         if statics.balance is None or polygon is None:
             return None
@@ -347,7 +348,7 @@ class _Look:
         return at, ValidationStatus.TIPS_OVER, what, None
 
     def heavy(self, end: int) -> Finding | None:
-        """Look for the first state that the joints or the floor cannot hold still, among the first ones."""
+        """Find the first of `end` states that cannot be held still, because of torque or balance."""
         statics, q = self.checks.statics, self.dense.positions[:end]
         holds = statics.hold(q, ROOM_ALONG) if end else np.ones(0, bool)
         if holds.all():
@@ -362,7 +363,7 @@ class _Look:
         return at, ValidationStatus.STATIC_TORQUE_LIMIT, sentence, joint_name
 
     def touching(self, end: int) -> Finding | None:
-        """Look for the first state that touches something, among the first ones."""
+        """Find the first of `end` states that violates the margin to the scene or touches itself."""
         q = self.dense.positions
         if not end:
             return None
@@ -375,7 +376,7 @@ class _Look:
         return None
 
     def _near(self, at: int) -> Finding:
-        """Say what a state touches, or is nearer to than the margin, as `plan` says it of ends."""
+        """Return the finding of a state in contact, or nearer than the margin."""
         checker, q, status = self.checks.exact, self.dense.positions[at], ValidationStatus.COLLISION
         fault = fault_of(checker, q, "state", self.checks.statics)
         if fault is not None and fault[0] is PlanStatus.GOAL_IN_COLLISION:

@@ -1,4 +1,4 @@
-"""Way-points along a planner's polyline whose spline is collision-free, where rounding it evenly is not."""
+"""Way-points near a planner's polyline whose spline is collision-free, if uniform smoothing collides."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from pepper_kin.trajectory.path import CubicPath, as_cubic_path
 
 _SEGMENTS = 6
 _MOST_WAYPOINTS = 400
-_DENSE = (0.01, 0.0025)  # distances of way-points that follow a polyline [m], in the metric
+_DENSE = (0.01, 0.0025)  # distances of way-points along a polyline in the metric, tried in turn [m]
 
 
 class Way(NamedTuple):
-    """A way that has been examined.
+    """A path that has been examined.
 
     Attributes:
-        points: Way-points, shape (m, n) [rad or m].
-        curve: The spline through them.
+        points: Way-points [rad or m], shape (m, n).
+        curve: The spline through the way-points.
     """
 
     points: Array
@@ -30,14 +30,14 @@ class Way(NamedTuple):
 
 
 def way_near(problem: PathProblem, paths: tuple[planners.Path, ...]) -> Way | None:
-    """Return the way along one of some polylines that keeps as near to it as it has to; None without any.
+    """Return the first polyline that smooths into a valid spline, or else follows closely; None if none does.
 
-    `retime` draws a spline through way-points; so the spline itself is examined, and way-points are added
-    until it is valid everywhere, as `is_clear_along` says, which looks far more closely than a search.
+    `retime` follows a spline through way-points; therefore the spline itself is examined, and way-points are
+    added until it is valid everywhere by `is_clear_along`, which checks far more closely than a search.
 
     Args:
-        problem: The planning problem, of the joints that move.
-        paths: Valid polylines of those joints, the best first.
+        problem: The planning problem of the joints that move.
+        paths: Valid polylines of these joints, the best first.
     """
     found = None
     for path in paths:
@@ -46,13 +46,13 @@ def way_near(problem: PathProblem, paths: tuple[planners.Path, ...]) -> Way | No
 
 
 def way_through(problem: PathProblem, points: Array, margins: tuple[float, float]) -> Way | None:
-    """Return the spline through way-points, shape (m, n), if margins are kept all along it."""
+    """Return the spline through way-points [rad or m], shape (m, n), if it keeps margins [m] everywhere."""
     curve = as_cubic_path(problem.checks.pepper, points)
     return Way(points, curve) if problem.is_clear(curve, margins) else None
 
 
 def _smooth(problem: PathProblem, path: planners.Path) -> Way | None:
-    """Return the fewest equidistant points of a rounded path whose spline is clear; None where none are."""
+    """Return the fewest equidistant points of a smoothed path whose spline is clear, or None."""
     try:
         curve = planners.smooth(problem.relaxed, path, spacing=path.length / _SEGMENTS, resolution=RESOLUTION)
     except InfeasibleError:
@@ -68,7 +68,7 @@ def _smooth(problem: PathProblem, path: planners.Path) -> Way | None:
 
 
 def _followed(problem: PathProblem, paths: tuple[planners.Path, ...]) -> Way | None:
-    """Return points so dense that their spline follows a polyline whose corners cannot be rounded."""
+    """Return points so dense that their spline follows a polyline with its corners, or None."""
     for path in paths:
         for apart in _DENSE:
             found = way_through(problem, problem.embed(path.resample(apart).points), (0.0, 0.0))

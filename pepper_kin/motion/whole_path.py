@@ -1,4 +1,4 @@
-"""The curve of joint positions that meets tasks along a whole path, clear of everything, and its motion."""
+"""Collision-free curve of joint positions that meets tasks along a whole path, and its motion."""
 
 from __future__ import annotations
 
@@ -38,44 +38,44 @@ interpolate = lazy_module("scipy.interpolate")
 _Begin: TypeAlias = tuple[Array, Array]  # nodes, and joint positions there
 
 _MOST_NODES = 250
-_REFINED = 7  # times that nodes are added
-_STEPS, _NEAR_STEPS = 20, 8  # of one set of nodes: from afar, and after nodes were added
-_MET, _BETWEEN = 0.03, 0.3  # of a tolerance, at nodes and between; where that is exceeded nodes are added
-_RIPPLE = 2e-3  # of a hand's speed along a route, between nodes
-_STILL = 5e-3  # [rad or m] of a step that changes little
-_WITHIN, _MOST_WITHIN = 1e-3, 8e-3  # [rad or m] that nodes stay within the position limits
-_FAR = 5e-3  # [rad or m] outside of a limit, at nodes
+_REFINED = 7  # maximum number of times that nodes are added
+_STEPS, _NEAR_STEPS = 20, 8  # steps for one set of nodes: at first, and after nodes were added
+_MET, _BETWEEN = 0.03, 0.3  # maximum errors over tolerances, at nodes and between; else nodes are added
+_RIPPLE = 2e-3  # maximum relative change of a hand's speed along a route between nodes
+_STILL = 5e-3  # step size below which the iteration may end [rad or m]
+_WITHIN, _MOST_WITHIN = 1e-3, 8e-3  # distance of nodes inside the position limits [rad or m]
+_FAR = 5e-3  # maximum excess over a limit at nodes [rad or m]
 _NEARNESS = 0.1
-_IDLE = (1.0, 10.0, 0.1)  # nearness of joints that no task moves to where they are, in turn
-_INSTANTS = 200  # at which their speed is looked at
-_GENTLE = 0.3  # [rad/s or m/s] of such joints: one that is faster is led another way
-_DRAWN = (30.0, 1e3, 1e5)  # nearness to postures that touch nothing, in turn
+_IDLE = (1.0, 10.0, 0.1)  # weights of joints that no task moves to stay at rest, tried in turn
+_INSTANTS = 200  # number of instants at which their speed is evaluated
+_GENTLE = 0.3  # speed of such joints above which the next weight is tried [rad/s or m/s]
+_DRAWN = (30.0, 1e3, 1e5)  # weights of nearness to postures without contact, tried in turn
 _PREFERRED, _RELAXED = (
     3.0,
     100.0,
-)  # factors on preferences, and on tasks that were relaxed, or are inequalities
-_STAY, _JUMP = 0.02, 0.35  # weight of the posture before, and how far the next may be [rad or m]
-_FINEST = 1e-3  # of the length: a next posture is sought no nearer
-_SPLIT = 4  # times that nodes are added where something touches
-_POINTS = 8  # of each piece that are looked at
-_CRUISING, _EVEN = 0.999, 0.99  # of the speed asked for, and of the speed before on a ramp
-_RETRIED = 8  # times that a joint which is too fast is held more:
+)  # factors on preferences, and on relaxed tasks and inequalities
+_STAY, _JUMP = 0.02, 0.35  # weight of the previous posture, and largest step to the next [rad or m]
+_FINEST = 1e-3  # minimum step to the next posture, relative to the length
+_SPLIT = 4  # maximum number of times that nodes are added at contacts
+_POINTS = 8  # number of checked points of each piece
+_CRUISING, _EVEN = 0.999, 0.99  # minimum fractions of the requested speed, and of the speed before on a ramp
+_RETRIED = 8  # maximum number of retries with a joint that is too fast held more
 _SLOWER, _WIDTH, _EMPHASIS = (
     0.5,
     0.06,
     3.0,
-)  # by this factor, and bending more about the place [of the length]
+)  # factor on that joint's scale; width relative to the length, and factor, of more bending weight
 
 
 class WholePath:
-    """Finds the curve along a path of tasks, and its motion.
+    """Computation of the curve along a path of tasks, and of its motion.
 
     Args:
-        path: The tasks.
+        path: The tasks along the path.
         margin: Distance to keep to the scene [m].
-        speed: Of the parameter [1/s]; None: as fast as limits allow.
-        allowed: What the motion may use of the robot's limits.
-        options: What `retime` takes.
+        speed: Rate of the parameter [1/s]; None: as fast as limits allow.
+        allowed: Limits that the motion may use.
+        options: Options of `retime`.
     """
 
     def __init__(
@@ -105,13 +105,13 @@ class WholePath:
 
         Args:
             start: Joint positions [rad or m], shape (n,).
-            weights: How much each joint may accelerate beside the others, shape (n,).
-            ramps: See `follow`.
-            laps: See `follow`.
-            deadline: Time of `working_time` after which a motion that is too fast is not bent otherwise [s].
+            weights: Relative accelerations that the joints may have, shape (n,).
+            ramps: Whether the motion begins and ends at rest.
+            laps: Number of rounds on a closed path.
+            deadline: Time on the clock of `working_time` after which no other curve is tried [s].
 
         Raises:
-            NotFollowedError: with the reason.
+            NotFollowedError: if there is no motion, with the reason.
         """
         tasks = self.path.at_one(0.0)
         fault = fault_of(self.checks.exact, start, "start", self.statics)
@@ -158,7 +158,7 @@ class WholePath:
         raise first
 
     def _done(self, curve: CubicPath, whole: CubicPath, motion: Trajectory, slowest: float) -> Followed:
-        """Return the result of a motion along the whole of a curve, all laps of it."""
+        """Return the result of a motion along a whole curve with all laps."""
         tasks = self.path.at_one(0.0)
         relaxed = tuple(tasks[k].name for k in sorted(self._relaxed))
         said = f" {' and '.join(relaxed)} only as well as can be." if relaxed else ""
@@ -170,19 +170,19 @@ class WholePath:
         )  # fmt: skip
 
     def _idle_pace(self, motion: Trajectory) -> float:
-        """Return the greatest speed of joints that no task moves at a set speed [rad/s or m/s]."""
+        """Return the maximum speed of joints that no task moves [rad/s or m/s]; 0 without a set speed."""
         if self.speed is None or not self._idle.any():
             return 0.0
         times = np.linspace(0.0, motion.duration, _INSTANTS)
         return float(np.abs(motion(times).velocity[:, self._idle]).max())
 
     def _moved_aside(self, curve: CubicPath) -> tuple[str, ...]:
-        """Return `Followed.aside`."""
+        """Return the joints that move aside, in words; see `Followed.aside`."""
         way = np.ptp(_points(curve, np.arange(_POINTS) / _POINTS)[1], axis=0)
         return moved_aside(self.pepper, self._idle, way)
 
     def _prioritized(self, start: Array, tasks: list[Task]) -> CubicPath:
-        """Return the curve, with as many of the last tasks relaxed as it takes."""
+        """Return the curve, with as many of the last tasks relaxed as necessary."""
         equations = [k for k, task in enumerate(tasks) if _is_equation(task)]
         soft = [k for k in equations if not tasks[k].hard]
         if not equations:
@@ -213,16 +213,16 @@ class WholePath:
         near: Callable[[Array], Array] | None = None,
         nearness: float = _NEARNESS,
     ) -> CubicPath:
-        """Return the curve of least acceleration.
+        """Return the minimum-acceleration curve.
 
         Args:
-            start: Joint positions at the start, shape (n,).
-            begin: Where to search from; None: postures from node to node, or `near`.
-            near: Postures to stay near, of values of the parameter; None: the start.
-            nearness: How much.
+            start: Joint positions at the start [rad or m], shape (n,).
+            begin: Initial nodes and joint positions; None for postures from node to node, or `near`.
+            near: Function from parameters to postures to stay near; None for the start.
+            nearness: Weight of the distance from these postures.
 
         Raises:
-            NotFollowedError: where tasks or position limits are not met.
+            NotFollowedError: if tasks or position limits are not met.
         """
         path, pepper, stuck = self.path, self.pepper, None
         within, steps = np.full(pepper.n, _WITHIN), _STEPS
@@ -255,7 +255,7 @@ class WholePath:
         return curve
 
     def _led(self, start: Array, s: Array) -> tuple[Array, NotFollowedError | None]:
-        """Return postures at nodes from one to the next, shape (K, n), and why that ended early, if so."""
+        """Return postures at nodes from one to the next, shape (K, n), and the reason if that ended early."""
         every = np.union1d(s[::2], s[-1:])
         clear = None if self._barriers is None else self.path.scene.padded(self.margin)
         stuck: NotFollowedError | None = None
@@ -271,11 +271,11 @@ class WholePath:
         """Return joint positions at nodes, shape (K, n), and the first node that misses its tasks, or None.
 
         Args:
-            s: The nodes, shape (K,).
-            q: Where to begin, shape (K, n).
-            close: Postures to stay near, shape (K, n), and how much.
-            limits: Bounds to stay within, shape (2, n).
-            steps: Number of steps.
+            s: Parameters of the nodes, shape (K,).
+            q: Initial joint positions [rad or m], shape (K, n).
+            close: Postures to stay near [rad or m], shape (K, n), and the weight of that.
+            limits: Position bounds [rad or m], shape (2, n).
+            steps: Maximum number of steps.
         """
         path, tasks = self.path, self.path.at(s)
         equations = self._equations(tasks)
@@ -300,9 +300,9 @@ class WholePath:
         return q, int(np.argmax(missed)) if missed.any() else None
 
     def _rows(self, s: Array, factors: list[float]) -> TaskRows:
-        """Return what has to vanish at values of the parameter, shape (K,), with a factor for each equation.
+        """Return the equations at parameters, shape (K,), with a factor for each equation.
 
-        The start meets tasks to their tolerances alone: what it is off dies out along the first half.
+        The start meets tasks only to their tolerances: its errors decay along the first half of the path.
         """
         path, pepper = self.path, self.pepper
         begin = self._equations(path.at(np.zeros(1)))
@@ -313,19 +313,19 @@ class WholePath:
         return TaskRows(pepper, self._equations(path.at(s)), len(s), factors, share[:, None] * off)
 
     def _equations(self, tasks: list[Task]) -> list[Task]:
-        """Return those of all tasks that have to be met."""
+        """Return the tasks that have to be met."""
         return [t for k, t in enumerate(tasks) if _is_equation(t) and k not in self._relaxed]
 
     def _emphasis(self, s: Array) -> Array:
-        """Return factors on the bending at nodes, shape (K,), near places where the motion was too fast."""
+        """Return factors on the bending weight at nodes, (K,), above 1 where the motion was too fast."""
         away = (s[:, None] / self.path.length - np.array(self._fast)) / _WIDTH
         return np.asarray(np.prod(1.0 + (_EMPHASIS - 1.0) * np.exp(-(away**2)), axis=1))
 
     def _chained(self, start: Array, s: Array, scene: Scene | None) -> Array:
-        """Return postures from node to node, each near the one before, shape (K, n).
+        """Return postures from node to node, each near the previous one, shape (K, n).
 
         Raises:
-            NotFollowedError: where there is none, with those before.
+            NotFollowedError: if there is none at a node, with the postures before.
         """
         path, done, kept, before = self.path, 0.0, [start], start
         ahead = list(s[:0:-1])
@@ -351,7 +351,7 @@ class WholePath:
         return np.array(kept)
 
     def _unmet(self, s: Array, q: Array, node: int) -> NotFollowedError:
-        """Return why tasks are not met at a node of s, shape (K,), with joint positions q, shape (K, n)."""
+        """Return the error for unmet tasks at a node of s, shape (K,), with joint positions q, (K, n)."""
         status, reason = self.path.unreachable(
             q[max(node - 1, 0)], self._equations(self.path.at_one(s[node]))
         )
@@ -359,10 +359,10 @@ class WholePath:
         return NotFollowedError(status, message, s[max(node - 1, 0)] / self.path.length)
 
     def _refuse_far(self, s: Array, q: Array) -> None:
-        """Refuse positions at nodes, shape (K, n), that are far outside the limits: more nodes will not help.
+        """Refuse positions at nodes, shape (K, n), far outside the limits, where more nodes would not help.
 
         Raises:
-            NotFollowedError: naming the joint, or one that could not hold still.
+            NotFollowedError: for such positions, naming the joint, or a joint that could not hold still.
         """
         outside = np.maximum(self.pepper.lower_limits - q, q - self.pepper.upper_limits)
         k, j = np.unravel_index(int(np.argmax(outside)), outside.shape)
@@ -395,7 +395,7 @@ class WholePath:
         return CubicPath(np.concatenate(breaks), np.concatenate([part.coefficients for part in parts]))
 
     def _is_coarse(self, curve: CubicPath) -> NDArray[np.bool_]:
-        """Return in which pieces equations are not met between nodes, or a hand's speed is not even, (m,)."""
+        """Return which pieces, (m,), violate equations between nodes, or have an uneven speed of the hand."""
         s, q = _points(curve, np.array([0.25, 0.5, 0.75]))
         firm = self._equations(self.path.at(s))
         rows = self._rows(s, [1.0] * len(firm))
@@ -408,10 +408,10 @@ class WholePath:
         return coarse
 
     def _errors(self, curve: CubicPath) -> Array:
-        """Return the greatest error of each task along a curve, shape (tasks,).
+        """Return the largest error of each task along a curve, shape (tasks,).
 
         Raises:
-            NotFollowedError: where one that was not relaxed is missed.
+            NotFollowedError: if a task that is not relaxed is missed.
         """
         s, q = _points(curve, (np.arange(_POINTS) + 0.5) / _POINTS)
         tasks = self.path.at(s)
@@ -428,7 +428,7 @@ class WholePath:
         return is_clear_along(self.checks, curve, (self.margin, 0.0), held=False)
 
     def _kept_apart(self, start: Array, bodies: bool) -> PathBarriers:
-        """Return what keeps a path from contact, with distances between bodies or without."""
+        """Return penalties that keep a path from contact, with or without distances between bodies."""
         efforts = np.full(self.pepper.n, np.inf) if self.limits.torque is None else self.limits.torque
         efforts = np.where(efforts > 0, efforts, np.inf)
         checker = self.checks.exact if bodies else None
@@ -437,11 +437,11 @@ class WholePath:
     def _around(self, start: Array, curve: CubicPath) -> CubicPath:
         """Return a curve that touches nothing, in place of one that does.
 
-        Bodies that come near are kept apart, with more nodes where they touch; then the curve is drawn ever
-        nearer to postures from node to node that are clear.
+        First penalties keep near bodies apart, with more nodes at contacts; then the curve is pulled with
+        increasing weights to a sequence of clear postures.
 
         Raises:
-            NotFollowedError: naming what the first curve touches, where none is found.
+            NotFollowedError: if no clear curve is found, naming the contact of the first curve.
         """
         path, shares = self.path, np.arange(_POINTS) / _POINTS
         s, q = _points(curve, shares)
@@ -482,7 +482,7 @@ class WholePath:
         """Return the motion along a curve.
 
         Raises:
-            NotFollowedError: where limits forbid it.
+            NotFollowedError: if limits forbid it.
         """
         pepper, speed = self.pepper, self.speed
         if ramps:
@@ -509,10 +509,10 @@ class WholePath:
         return motion
 
     def _slowest(self, curve: CubicPath, motion: Trajectory) -> float:
-        """Return `Followed.slowest`.
+        """Return the minimum speed, relative to the requested one; see `Followed.slowest`.
 
         Raises:
-            NotFollowedError: where the speed cannot be kept.
+            NotFollowedError: if the speed cannot be kept.
         """
         assert self.speed is not None
         s = grid_parameters(curve, self.options.get("gridpoints", 200))
@@ -523,7 +523,7 @@ class WholePath:
         for a, b in pairwise(ends):
             own, places = rate[a:b], s[a:b]
             fast = np.flatnonzero(own >= _CRUISING)
-            # Where it is not reached, limits may forbid it anywhere; on the ramps, where they are not even.
+            # If the speed is never reached, limits may forbid it anywhere; on ramps, where the speed falls.
             slow = np.full(len(own), True)
             if fast.size:
                 first, last = fast[0], fast[-1]
@@ -536,10 +536,11 @@ class WholePath:
         return least
 
     def _refuse_fast(self, curve: CubicPath, s: Array) -> None:
-        """Refuse a speed that limits forbid at places, shape (k,), where it is steady.
+        """Refuse a speed that limits forbid at parameters, shape (k,), where the speed is constant.
 
         Raises:
-            NotFollowedError: with the worst place of all, its joint and limit, and the speed that it allows.
+            NotFollowedError: with the worst place of the path, its joint and limit, and the speed that it
+                allows.
         """
         assert self.speed is not None
         if max(share.max() for share in self._shares(curve, s).values()) <= 1.0 + 1e-6:
@@ -554,7 +555,7 @@ class WholePath:
         raise NotFollowedError(FollowStatus.TOO_FAST, message, reached, joint=int(j))
 
     def _shares(self, curve: CubicPath, s: Array) -> dict[str, Array]:
-        """Return by what factor each joint has to be slower at places, shape (k,), for each of its limits."""
+        """Return the factor by which each joint has to be slower at parameters, (k,), by kind of limit."""
         assert self.speed is not None
         piece = np.clip(np.searchsorted(curve.breaks, s, side="right") - 1, 0, len(curve.breaks) - 2)
         q, first, second = (curve.at(piece, s - curve.breaks[piece], d) for d in range(3))
@@ -591,25 +592,25 @@ def _repeated(curve: CubicPath, laps: int) -> CubicPath:
 
 
 def _points(curve: CubicPath, shares: Array) -> tuple[Array, Array]:
-    """Return parameters, shape (k,), and joint positions, shape (k, n), at shares of all pieces in turn."""
+    """Return parameters, shape (k,), and joint positions, shape (k, n), at fractions of all pieces."""
     steps = np.diff(curve.breaks)
     local, piece = (steps[:, None] * shares).ravel(), np.repeat(np.arange(len(steps)), len(shares))
     return curve.breaks[piece] + local, curve.at(piece, local)
 
 
 def _at(curve: CubicPath, s: Array) -> Array:
-    """Return joint positions at values of the parameter, shape (k, n)."""
+    """Return joint positions at parameters, shape (k, n)."""
     piece = np.clip(np.searchsorted(curve.breaks, s, side="right") - 1, 0, len(curve.breaks) - 2)
     return curve.at(piece, s - curve.breaks[piece])
 
 
 def _linear(s: Array, nodes: Array, postures: Array) -> Array:
-    """Return postures between those of nodes, shape (K, n), linearly, and the last one beyond."""
+    """Return postures, shape (K, n), interpolated linearly between nodes, and the last one beyond them."""
     return np.stack([np.interp(s, nodes, column) for column in postures.T], axis=1)
 
 
 def _excess(curve: CubicPath, pepper: PepperModel) -> Array:
-    """Return by how much each joint leaves its limits on each piece of a curve [rad or m], shape (m, n)."""
+    """Return the excess of each joint over its limits on each piece of a curve [rad or m], shape (m, n)."""
     steps = np.diff(curve.breaks)
     piece, joint, local = turning_points(steps, curve.coefficients)
     ends = curve.at(np.arange(len(steps)), steps)

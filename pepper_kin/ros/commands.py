@@ -1,4 +1,4 @@
-"""Topics that the node listens to: velocities, joint angles, goals of the base, targets of the hands."""
+"""Command topics of the node: velocities, joint angles, goals of the base, targets of the hands."""
 
 from __future__ import annotations
 
@@ -34,19 +34,19 @@ WORLD_FRAMES = ("world", "map")
 """Frames of the simulated world."""
 
 BASES = ("base_link", "base_footprint")
-"""Frames of the base, in which velocities are."""
+"""Frames of the base, in which velocities are given."""
 
 HANDS = ("left", "right")
 
 
 class Commands:
-    """What commands on topics do to the simulated body.
+    """Executes commands on topics by the simulated body.
 
     Args:
-        node: What it belongs to.
-        timeout: A velocity, or a target of a hand, holds this long [s]; then the robot brakes.
+        node: Node that subscribes.
+        timeout: Time for which a velocity, or a target of a hand, holds [s]; then the robot brakes.
         robot: Name of the robot in topics.
-        stamped: Whether `/cmd_vel` is a TwistStamped where the transport does not tell types apart.
+        stamped: Whether `/cmd_vel` is a TwistStamped if the transport does not distinguish types.
     """
 
     def __init__(self, node: RobotNode, timeout: float, robot: str, stamped: bool) -> None:
@@ -73,7 +73,7 @@ class Commands:
             )
 
     def on_velocity(self, message: Any) -> None:
-        """Drive with a geometry_msgs/msg/Twist until `timeout` after the last one."""
+        """Drive at the velocity of a geometry_msgs/msg/Twist until `timeout` after the last one."""
         twist = np.array([message.linear.x, message.linear.y, message.angular.z])
         if not np.isfinite(twist).all():
             logger.warning("/cmd_vel: refused: %s is not finite", twist)
@@ -89,7 +89,7 @@ class Commands:
             body.do(self._drive)
 
     def on_stamped_velocity(self, message: Any) -> None:
-        """Drive with a geometry_msgs/msg/TwistStamped in a frame of the base, or in none."""
+        """Drive at the velocity of a geometry_msgs/msg/TwistStamped in a frame of the base, or in none."""
         frame = str(message.header.frame_id).lstrip("/")
         if frame and frame not in BASES:
             logger.warning("/cmd_vel: refused: frame %s, expected %s", frame, " or ".join(BASES))
@@ -97,7 +97,7 @@ class Commands:
         self.on_velocity(message.twist)
 
     def on_joint_angles(self, message: Any) -> None:
-        """Move joints with a share of their speed, as `ALMotion.setAngles` and `changeAngles` do."""
+        """Move joints at a ratio of their maximum speed, like `ALMotion.setAngles` and `changeAngles`."""
         names, angles = [str(name) for name in message.joint_names], list(message.joint_angles)
         unknown = [name for name in names if name not in ACTUATED]
         twice = len(set(names)) < len(names)
@@ -114,7 +114,7 @@ class Commands:
             for name, target in targets.items():
                 k = body.pepper.joint_index(name)
                 low, high = body.pepper.lower_limits[k], body.pepper.upper_limits[k]
-                if not low <= target <= high:  # ALMotion goes to the nearest as well
+                if not low <= target <= high:  # ALMotion also moves to the nearest limit
                     what = (
                         "/joint_angles: %s to %.6g is beyond its limits %.6g and %.6g: it goes to the nearest"
                     )
@@ -136,7 +136,7 @@ class Commands:
             self.node.body.do(MoveToTask("move_base_simple", [place], world=True))
 
     def on_target(self, side: str, message: Any) -> None:
-        """Let a palm follow the position of a PoseStamped, until `timeout` after the last one."""
+        """Make a palm follow the position of a PoseStamped, until `timeout` after the last one."""
         body = self.node.body
         try:
             pose = world_pose(self.node, message)
@@ -148,7 +148,7 @@ class Commands:
             if task is None or task.ended or task.killed:
                 with body.time.lock:
                     self.node.stop(ACTUATED)
-                # It takes a while, which must not hold up the cycles.
+                # Making the task takes a while, which must not delay the control cycles.
                 task = FollowTargetTask(body, self.timeout)
                 with body.time.lock:
                     self.node.replace(ACTUATED)
@@ -159,11 +159,11 @@ class Commands:
 
 
 class FollowTargetTask(BodyTask):
-    """The hands follow targets by differential inverse kinematics, within all limits, clear of collisions.
+    """Makes hands follow targets by differential inverse kinematics, within all limits, without collisions.
 
     Args:
         body: The simulated body.
-        timeout: A target holds this long [s].
+        timeout: Time for which a target holds [s].
     """
 
     def __init__(self, body: Body, timeout: float) -> None:
@@ -177,14 +177,14 @@ class FollowTargetTask(BodyTask):
         self._targets: dict[str, Array] = {}
 
     def aim(self, side: str, pose: Array) -> None:
-        """Set the target of a palm, whose position counts: a pose in the world, shape (4, 4)."""
+        """Set the target of a palm, of which only the position counts: a pose in the world, shape (4, 4)."""
         self._targets[side] = pose
         self._servo.set_target(
             [ik.HandPosition(hand, target[:3, 3]) for hand, target in self._targets.items()]
         )
 
     def step(self, body: Body) -> bool:
-        """Command one tick of the servo; it ends when no target is fresh and all joints rest."""
+        """Command one tick of the servo; the task ends when no target holds and all joints are at rest."""
         state = self._servo.step()
         rows = [body.index[name] for name in ACTUATED]
         body.command[rows] = state.q[rows]
@@ -198,11 +198,11 @@ class FollowTargetTask(BodyTask):
 def world_pose(node: RobotNode, message: Any) -> Array:
     """Return the pose of geometry_msgs/msg/PoseStamped in the world, shape (4, 4).
 
-    Its frame is "world", "map" (the same), "odom", or a frame of the robot.
+    Its frame is "world" or "map", which are equal, "odom", or a frame of the robot.
 
     Raises:
         UnknownNameError: for another frame.
-        InvalidValueError: for a pose that is none.
+        InvalidValueError: for an invalid pose.
     """
     pose, frame = pose_of(message.pose), str(message.header.frame_id).lstrip("/")
     if frame in WORLD_FRAMES:

@@ -1,4 +1,4 @@
-"""Tasks of the simulated body for ROS: following a trajectory, braking, driving by velocity commands."""
+"""Tasks of the simulated body for ROS: trajectory following, braking, driving by velocity commands."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ if TYPE_CHECKING:
 
 
 class ControllerTask(BodyTask):
-    """The joints of a trajectory along it, watched by tolerances.
+    """Moves joints along a trajectory and checks tolerances.
 
     Args:
-        trajectory: Of joints of the body, from where they are commanded now.
-        path: Tolerance on the way.
+        trajectory: Trajectory of joints of the body, from their present commands on.
+        path: Tolerance along the trajectory.
         goal: Tolerance at the end.
         goal_time: Time after the end in which the goal's tolerance must be met [s]; 0 for any time.
-        delay: Time until it begins [s].
-        on_step: Called after each cycle, with the lock held: time along the trajectory [s], desired and
-            actual state.
+        delay: Time until the trajectory begins [s].
+        on_step: Function that is called after each cycle, with the lock held, with the time along the
+            trajectory [s], the desired and the actual state.
 
     Attributes:
-        outcome: The code, None where it did not come to its end, and a sentence.
-        replaced: Whether another trajectory takes over its joints, so that they need not brake.
+        outcome: Error code, None if the trajectory did not end, and a sentence.
+        replaced: Whether another trajectory takes over the joints, so that they need not brake.
     """
 
     def __init__(
@@ -56,15 +56,15 @@ class ControllerTask(BodyTask):
 
     @property
     def progress(self) -> float:
-        """Share of the duration that has passed, 0 to 1."""
+        """Fraction of the duration that has passed, 0 to 1."""
         return min(max(self._elapsed / self.trajectory.duration, 0.0), 1.0)
 
     def start(self, body: Body) -> None:
-        """Look up the joints."""
+        """Look up the indices of the joints."""
         self._indices = [body.index[name] for name in self.trajectory.joint_names]
 
     def step(self, body: Body) -> bool:
-        """Command the positions of one cycle later, after the look at the tolerances."""
+        """Check the tolerances, then command the positions of one cycle later."""
         desired = self._state(self._elapsed)
         state = body.state
         rows = self._indices
@@ -80,7 +80,7 @@ class ControllerTask(BodyTask):
         return True
 
     def _is_over(self, desired: State, actual: State) -> bool:
-        """Decide how it ends, if it does now."""
+        """Return whether the trajectory ends now, and set the outcome."""
         names = self.trajectory.joint_names
         error, rate = desired.position - actual.position, desired.velocity - actual.velocity
         late = self._elapsed - self.trajectory.duration
@@ -114,10 +114,10 @@ class ControllerTask(BodyTask):
 
 
 class BrakeTask(BodyTask):
-    """Joints from their present speed to rest, by the limits of acceleration.
+    """Brakes joints from their present speed to rest, at the limits of acceleration.
 
     Args:
-        joints: Names.
+        joints: Names of the joints.
     """
 
     def __init__(self, joints: Sequence[str]) -> None:
@@ -125,11 +125,11 @@ class BrakeTask(BodyTask):
         self._rate: dict[str, float] = {}
 
     def start(self, body: Body) -> None:
-        """Begin with the speeds of now."""
+        """Store the present speeds of the joints."""
         self._rate = {name: body.command_rate(name) for name in self.resources}
 
     def step(self, body: Body) -> bool:
-        """Slow the joints down that it still has."""
+        """Slow down the joints that the task still holds."""
         going = False
         for name in tuple(self.resources):
             k, rate = body.index[name], self._rate[name]
@@ -142,11 +142,11 @@ class BrakeTask(BodyTask):
 
 
 class CmdVelTask(VelocityTask):
-    """The base with a velocity that has to be commanded again and again; without that it brakes.
+    """Drives the base at a velocity that must be commanded repeatedly; without commands the base brakes.
 
     Args:
         twist: v_x, v_y [m/s], omega [rad/s] in the axes of the base, shape (3,).
-        timeout: A command holds this long [s].
+        timeout: Time for which a command holds [s].
     """
 
     def __init__(self, twist: ArrayLike, timeout: float) -> None:
@@ -156,12 +156,12 @@ class CmdVelTask(VelocityTask):
         self._age = 0.0
 
     def refresh(self, twist: ArrayLike) -> None:
-        """Take another velocity, shape (3,), for the next while."""
+        """Set another velocity, shape (3,), and restart the timeout."""
         self.twist = np.asarray(twist, dtype=float)
         self._age, self.expired = 0.0, False
 
     def step(self, body: Body) -> bool:
-        """Command the velocity, or rest where no command has come for too long."""
+        """Command the velocity, or rest once the last command has expired."""
         self._age += CYCLE
         if self._age > self.timeout + 1e-9 and not self.expired:
             self.expired = True

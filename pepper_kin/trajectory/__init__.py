@@ -1,17 +1,17 @@
 """Trajectories: a value, timing within limits, an independent check, animations by keys, pictures.
 
     Trajectory, State, Samples                piecewise polynomials, and what they are sampled to
-    retime                                    a path or plan timed within all limits
-    check, Certificate, LimitCheck, ScalarCheck   what an examination by other code finds
-    active_limits, ActiveLimits               which limit holds the motion back, and when
-    phase_plane, PhasePlane, plot             as shares of limits
-    plot_motions                              in units, of one motion or several
-    find_limit_violations, LimitViolation, enforce_limits   limits that a motion breaks, and their repair
-    Splice                                    a motion with a new goal on its way, by `Trajectory.replaced`
+    retime                                    a path or plan, timed within all limits
+    check, Certificate, LimitCheck, ScalarCheck   results of an examination by independent code
+    active_limits, ActiveLimits               the limit that is nearest at each instant
+    phase_plane, PhasePlane, plot             a trajectory drawn as fractions of its limits
+    plot_motions                              one motion or several, drawn in their units
+    find_limit_violations, LimitViolation, enforce_limits   limits that a motion exceeds, and their repair
+    Splice                                    a motion redirected to a new goal, by `Trajectory.replaced`
     Stop                                      from an instant of a motion to rest, by `Trajectory.stop`
-    OnlineMotion                              new targets in mid-motion, jerk-limited
+    OnlineMotion                              jerk-limited motion to targets that may change while it moves
     Timeline, JointCurve, Key, Handle         an animation by keys
-    import_timeline, ImportedMotion           such an animation as a trajectory within the limits
+    import_timeline, ImportedMotion           an animation as a trajectory within the limits
 
 Files of trajectories are in the package `pepper_kin.files`.
 """

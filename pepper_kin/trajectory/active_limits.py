@@ -1,4 +1,4 @@
-"""Shares of its limits that a motion uses: the slowdown needed, and the limit that acts at each time."""
+"""Fractions of its limits that a motion uses: the slowdown needed, and the limit that acts at each time."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ if TYPE_CHECKING:
     from pepper_kin.collision import Scene
     from pepper_kin.trajectory.trajectory import Trajectory
 
-_ACTS = 0.99  # share of a limit from which on it is said to act
+_ACTS = 0.99  # minimum fraction of a limit at which it counts as active
 
 
 @dataclass(frozen=True, eq=False)
 class LimitUse:
-    """Greatest shares of the limits over some states.
+    """Maximum fractions of the limits that some states use.
 
     Attributes:
-        share: Quantity -> share of its limit that each joint (or limited frame) uses, shape (n,).
-        stretch: Least k >= 1 such that a motion k times as slow obeys all limits; inf if none does.
+        share: Quantity -> fraction of its limit that each joint (or limited frame) uses, shape (n,).
+        stretch: Minimum k >= 1 such that a motion k times as slow obeys all limits; inf if none does.
     """
 
     share: dict[str, Array]
@@ -48,17 +48,17 @@ class LimitUse:
 
 
 def measure_use(pepper: PepperModel, state: State, limits: Limits) -> LimitUse:
-    """Compare states with limits.
+    """Return the fractions of limits that states use, and the slowdown needed.
 
     Made k times as slow, a motion has velocity v / k, acceleration a / k^2 and torque g + (tau - g) / k^2.
 
     Args:
         pepper: The robot.
-        state: Arrays of shape (T, n).
+        state: Positions, velocities and accelerations, shape (T, n) each.
         limits: The limits.
 
     Returns:
-        The shares used and how much slower the motion would have to be.
+        The fractions used, and the factor by which the motion would have to be slower.
     """
     share = {
         "velocity": share_of(np.abs(state.velocity).max(axis=0), limits.velocity),
@@ -88,13 +88,13 @@ def measure_use(pepper: PepperModel, state: State, limits: Limits) -> LimitUse:
 
 
 def stretch_at_extremes(trajectory: Trajectory, limits: Limits) -> float:
-    """Return the least k >= 1 such that a motion k times as slow keeps velocity, acceleration and jerk.
+    """Return the minimum k >= 1 such that a motion k times as slow keeps velocity, acceleration and jerk.
 
-    They are compared where they are greatest, wherever that is; made k times as slow, jerk is j / k^3.
+    Extremes of the polynomials are compared, not samples; made k times as slow, a motion has jerk j / k^3.
 
     Args:
         trajectory: The motion.
-        limits: The limits, of which those of the joints' motion count.
+        limits: The limits; only the joints' velocity, acceleration and jerk limits count.
     """
     stretch = 1.0
     for order, bound in enumerate((limits.velocity, limits.acceleration, limits.jerk), start=1):
@@ -107,7 +107,7 @@ def stretch_at_extremes(trajectory: Trajectory, limits: Limits) -> float:
 
 
 def _square_stretch_to_stand(moving: Array, resting: Array) -> float:
-    """Return the least k^2 such that r + (m - r) / k^2 >= 0 for all edge moments, shape (T, k) each."""
+    """Return the minimum k^2 such that r + (m - r) / k^2 >= 0 for all edge moments, shape (T, k) each."""
     with np.errstate(divide="ignore", invalid="ignore"):
         needed = (resting - moving) / resting
     needed = np.where(resting > 0, needed, np.inf)
@@ -115,7 +115,7 @@ def _square_stretch_to_stand(moving: Array, resting: Array) -> float:
 
 
 def _square_stretch(torque: Array, gravity: Array, limit: Array) -> float:
-    """Return the least k^2 such that |g + (tau - g) / k^2| <= limit for all, shape (T, n) each."""
+    """Return the minimum k^2 such that |g + (tau - g) / k^2| <= limit for all, shape (T, n) each."""
     with np.errstate(divide="ignore", invalid="ignore"):
         needed = (torque - gravity) / (np.sign(torque) * limit - gravity)
     needed = np.where(np.abs(gravity) < limit, needed, np.inf)
@@ -127,9 +127,9 @@ class ActiveLimits(BriefRepr):
     """The limit that is used most at each instant; arrays are read-only.
 
     Attributes:
-        time: [s], shape (T,).
+        time: Times [s], shape (T,).
         names: Quantity and joint (or frame), such as "velocity LElbowYaw", shape (T,).
-        share: Share of that limit that is used, shape (T,).
+        share: Fraction of that limit that is used, shape (T,).
     """
 
     time: Array
@@ -142,7 +142,7 @@ class ActiveLimits(BriefRepr):
         return self.share >= _ACTS
 
     def report(self) -> str:
-        """Say for which share of the time each limit acts, one line for each."""
+        """Return for each limit the fraction of the time at which it is active, as text with a line each."""
         active, total = self.active, self.time.size
         names, counts = np.unique(self.names[active], return_counts=True)
         lines = [
@@ -169,27 +169,29 @@ def active_limits(
 ) -> ActiveLimits:
     """Return the limit that is used most at each instant of a trajectory.
 
-    Shares are |v| / v_max, |a| / a_max, |tau| / tau_max, speed over its limit, |j| / j_max, and for balance
-    1 less the distance of the zero-moment point from the nearest edge, beyond the one that is kept, over the
-    distance that it has at rest in the middle of the triangle.  Of a base that moves on wheels, speeds and
-    accelerations of the wheels and the speed of the base count, too.
+    The fractions used are |v| / v_max, |a| / a_max, |tau| / tau_max, speed over its limit and |j| / j_max;
+    for balance 1 - (d - d_min) / (r - d_min), with d the distance of the zero-moment point from the nearest
+    edge, d_min the distance to be kept and r the inradius of the wheels' triangle.  For a base on wheels, the
+    speeds and accelerations of the wheels and the speed of the base count, too.
 
     Args:
         pepper: The robot.
         trajectory: The trajectory.
         t: Times [s], shape (T,); every millisecond if omitted.
-        torque: As in `retime`.
-        balance: As in `retime` [m].
-        hand_speed: As in `retime` [m/s].
-        payload: As in `retime` [kg].
-        jerk: As in `retime`.
+        torque: Whether torque limits count.
+        balance: Distance that the zero-moment point is to keep from the edges of the wheels' triangle [m];
+            "robot" for the robot's requirement, None to leave balance out.
+        hand_speed: Maximum speed of both hands' effectors, or of "left", "right" or a frame by name [m/s].
+        payload: Point masses held at "left", "right" or a frame by name [kg].
+        jerk: Jerk limits, by a name or number that `retime` takes; None to leave jerk out.
         scene: The scene whose attached objects count with their mass; None for none.
-        velocity_scale: As in `retime`.
-        acceleration_scale: As in `retime`.
-        torque_scale: As in `retime`.
+        velocity_scale: Fraction of the velocity limits that counts as the limit, in (0, 1].
+        acceleration_scale: Fraction of the acceleration limits that counts as the limit, in (0, 1].
+        torque_scale: Fraction of the effort limits that counts as the limit, in (0, 1]; "robot" for the
+            robot's requirement.
 
     Returns:
-        Time, names and shares.
+        Times, names of the limits and fractions used.
 
     Raises:
         InvalidValueError: for another robot's trajectory, times that are not finite numbers, or an option
@@ -225,7 +227,7 @@ def active_limits(
 
 
 def _shares(pepper: PepperModel, limits: Limits, state: State) -> list[tuple[str, Array]]:
-    """Return quantity and joint, frame or wheel with the share that is used of each limit, shape (T,)."""
+    """Return for each limit its name and the fraction of it that is used, shape (T,)."""
     quantities, joints, n = LimitedQuantities(pepper, limits), pepper.joint_names, pepper.n
     columns = _named("velocity", joints, share_of(np.abs(state.velocity), limits.velocity))
     columns += _named("acceleration", joints, share_of(np.abs(state.acceleration), limits.acceleration))
@@ -242,5 +244,5 @@ def _shares(pepper: PepperModel, limits: Limits, state: State) -> list[tuple[str
 
 
 def _named(quantity: str, names: Iterable[str], shares: Array) -> list[tuple[str, Array]]:
-    """Return the columns of shares, shape (T, k or more), under the names of what they are shares of."""
+    """Return (quantity and name, column) pairs for the columns of `shares`, shape (T, k or more)."""
     return [(f"{quantity} {name}", shares[:, k]) for k, name in enumerate(names)]

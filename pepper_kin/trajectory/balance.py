@@ -17,7 +17,7 @@ from pepper_kin.kinematics.base_geometry import pepper_base
 from pepper_kin.model import PepperModel, kept_for_robot
 from pepper_kin.model.wheels import BASE_JOINTS
 
-_DIRECTIONS = 8  # along which a base whose wheels are unknown is limited, within half a turn
+_DIRECTIONS = 8  # number of directions in half a turn along which accelerations of unknown wheels are limited
 
 
 def edge_moments(
@@ -29,7 +29,7 @@ def edge_moments(
     margin: float = 0.0,
     loads: Loads = (),
 ) -> Array:
-    """Return how firmly the robot stands on each edge of its support polygon.
+    """Return the edge moments, which tell how firmly the robot stands on each edge of its support polygon.
 
     With (f, n) the wrench of the floor, p a vertex of the edge and i the unit vector that points inward,
         h = i . (-n_y, n_x) - (i . p + margin) f_z = (distance of the zero-moment point - margin) f_z:
@@ -37,21 +37,21 @@ def edge_moments(
 
     Args:
         pepper: The robot.
-        polygon: Vertices in base coordinates, counter-clockwise [m], shape (k, 2).
+        polygon: Vertices of the support polygon in base coordinates, counter-clockwise [m], shape (k, 2).
         q: Joint positions [rad or m], shape (..., n).
         v: Joint velocities [rad/s or m/s], shape (..., n).
         a: Joint accelerations [rad/s^2 or m/s^2], shape (..., n).
-        margin: Distance from the edge that is wanted [m].
-        loads: What is carried.
+        margin: Distance to be kept from the edge [m].
+        loads: Carried loads.
 
     Returns:
-        h of every edge [N m], positive where it stands, shape (..., k).
+        Moment h of every edge [N m], positive where the robot stands firmly, shape (..., k).
     """
     return _moments(pepper, polygon, q, floor_wrench(pepper, q, v, a, loads), margin)
 
 
 def moment_matrix(polygon: Array, margin: float) -> Array:
-    """Return G such that edge moments are wrench @ G, shape (6, k), with the wrench as the base sees it."""
+    """Return G such that edge moments are wrench @ G, shape (6, k), with the wrench in base coordinates."""
     inward = inward_normals(polygon)
     gain = np.zeros((6, len(polygon)))
     gain[4], gain[3] = -inward[:, 0], inward[:, 1]
@@ -75,16 +75,17 @@ def balance_margin(
         q: Joint positions [rad or m], shape (T, n).
         v: Joint velocities [rad/s or m/s], shape (T, n).
         a: Joint accelerations [rad/s^2 or m/s^2], shape (T, n).
-        loads: What is carried.
+        loads: Carried loads.
 
     Returns:
-        Signed distance [m], positive inside, -inf where the floor would have to pull, shape (T,).
+        Signed distance [m], positive inside, -inf where the floor would have to pull the robot down, shape
+        (T,).
     """
     return margin_of_wrench(pepper, polygon, q, floor_wrench(pepper, q, v, a, loads))
 
 
 def margin_of_wrench(pepper: PepperModel, polygon: Array, q: Array, wrench: Array) -> Array:
-    """Return what `balance_margin` does, of the wrench of the floor, shape (T, 6)."""
+    """Return the distance that `balance_margin` returns [m], from the floor's wrench, shape (T, 6)."""
     moments, lift = _moments(pepper, polygon, q, wrench, 0.0).min(axis=1), wrench[:, 2]
     return np.where(lift > 0, moments / np.where(lift > 0, lift, 1.0), -np.inf)
 
@@ -97,7 +98,7 @@ def floor_wrench(pepper: PepperModel, q: Array, v: Array, a: Array, loads: Loads
         q: Joint positions [rad or m], shape (..., n).
         v: Joint velocities [rad/s or m/s], shape (..., n).
         a: Joint accelerations [rad/s^2 or m/s^2], shape (..., n).
-        loads: What is carried.
+        loads: Carried loads.
 
     Returns:
         Force [N], then moment [N m], shape (..., 6).
@@ -109,7 +110,7 @@ def floor_wrench(pepper: PepperModel, q: Array, v: Array, a: Array, loads: Loads
 
 
 def _moments(pepper: PepperModel, polygon: Array, q: Array, wrench: Array, margin: float) -> Array:
-    """Return what `edge_moments` does, of the wrench of the floor, shape (..., 6)."""
+    """Return the edge moments [N m], shape (..., k), from the floor's wrench, shape (..., 6)."""
     if moves_base(pepper):  # the wrench about the base's origin, in the base's axes
         x, y, yaw = (q[..., pepper.joint_index(joint)] for joint in BASE_JOINTS)
         lift, cosine, sine = wrench[..., 2], np.cos(yaw), np.sin(yaw)
@@ -121,21 +122,22 @@ def _moments(pepper: PepperModel, polygon: Array, q: Array, wrench: Array, margi
 
 @dataclass(frozen=True, eq=False)
 class WheelLimits:
-    """Limits of a planar base, of which the twist is (v_x, v_y, omega) in its own axes [m/s, m/s, rad/s].
+    """Limits of a planar base with twist (v_x, v_y, omega) in its own axes [m/s, m/s, rad/s].
 
     With a wheel's row w of `rows`, |w . twist| <= speed and |w . d(twist)/dt| <= acceleration, and
-    |v| + lever |omega| <= base_speed.  The joints of the base are its place in the world, so that the twist
-    is turned back by the yaw: v = R(-yaw) (dx/dt, dy/dt), dv/dt = R(-yaw) (d2x/dt2, d2y/dt2) - omega x v.
+    |v| + lever |omega| <= base_speed.  The base's joints are its pose in the world, so that the twist is
+    their velocity rotated by -yaw: v = R(-yaw) (dx/dt, dy/dt), dv/dt = R(-yaw) (d2x/dt2, d2y/dt2) - omega x
+    v.
 
     Attributes:
-        places: Of x, y and yaw among the joints, shape (3,).
-        names: Of the rows.
-        rows: From the twist to the wheels' speeds, shape (k, 3) [rad/m and 1, or 1 and m].
-        speed: Greatest speed of a wheel [rad/s; m/s of the rim for wheels whose radius is unknown].
-        acceleration: Greatest acceleration of a wheel [rad/s^2 or m/s^2].
-        base_speed: Greatest speed of the base [m/s].
-        lever: What turning adds to the base's speed [m].
-        unit: "rad" or "m".
+        places: Indices of the joints x, y and yaw, shape (3,).
+        names: Names of the wheels, one for each row.
+        rows: Map from the twist to the wheels' speeds, shape (k, 3) [rad/m and 1, or 1 and m].
+        speed: Maximum speed of a wheel [rad/s; m/s of the rim for wheels whose radius is unknown].
+        acceleration: Maximum acceleration of a wheel [rad/s^2 or m/s^2].
+        base_speed: Maximum speed of the base [m/s].
+        lever: Radius by which rotation adds to the base's speed [m].
+        unit: Unit of the wheels' positions, "rad" or "m".
     """
 
     places: tuple[int, int, int]
@@ -148,7 +150,7 @@ class WheelLimits:
     unit: str
 
     def scaled(self, speed: float, acceleration: float) -> WheelLimits:
-        """Return the limits of which shares are used."""
+        """Return the limits multiplied by scales of speed and acceleration."""
         return replace(
             self,
             speed=self.speed * speed,
@@ -158,7 +160,7 @@ class WheelLimits:
 
     @property
     def speed_count(self) -> int:
-        """Number of speeds that are limited: those of the wheels and of the base."""
+        """Number of limited speeds: one for each wheel, and the base's."""
         return len(self.rows) + 1
 
     def speeds(self, q: Array, v: Array) -> Array:
@@ -171,7 +173,7 @@ class WheelLimits:
         return np.asarray(np.hypot(twist[:, 0], twist[:, 1]) + self.lever * np.abs(twist[:, 2]))
 
     def shares(self, q: Array, v: Array) -> Array:
-        """Return the shares of the limits that speeds of wheels and base use, shape (T, k + 1)."""
+        """Return the fractions of their limits that the speeds of wheels and base use, shape (T, k + 1)."""
         wheels = np.abs(self.speeds(q, v)) / self.speed
         return np.column_stack([wheels, self.base_speeds(q, v) / self.base_speed])
 
@@ -196,10 +198,11 @@ class WheelLimits:
 def wheel_limits(pepper: PepperModel) -> WheelLimits | None:
     """Return the limits of the wheels of a planar base; None for other robots, and where none are known.
 
-    Pepper's wheels are those of `pepper_base(fastest=True)`: 6.28 rad/s, which is 0.44 m/s at the rim, and
-    at the rim the maker's greatest acceleration of the base.  Of a base with `Wheels(speed, acceleration,
-    track)` the rims are somewhere at half the track: |v| + track / 2 |omega| <= speed, and the same of
-    accelerations along eight directions, within a polygon that lies inside that bound.
+    Pepper's wheels are taken from `pepper_base(fastest=True)`: 6.28 rad/s, which is 0.44 m/s at the rim, and
+    at the rim the maker's maximum acceleration of the base.  A base with `Wheels(speed, acceleration, track)`
+    has its rims at half the track from its center, in unknown directions: |v| + track / 2 |omega| <= speed;
+    accelerations are limited along eight directions, within a polygon that lies inside the corresponding
+    bound.
     """
     if not set(BASE_JOINTS) <= set(pepper.joint_names):
         return None

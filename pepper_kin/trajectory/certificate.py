@@ -13,24 +13,24 @@ from pepper_kin.exceptions import beside_limits
 
 @dataclass(frozen=True, eq=False)
 class LimitCheck(FrozenArrays):
-    """How near each joint comes to its limits in one quantity; arrays are indexed by joint.
+    """Distance of each joint from its limits in one quantity; arrays are indexed by joint.
 
-    Position, velocity, acceleration and jerk are polynomials, of which the extremes are found, wherever they
-    are.  Torques are known at the states examined, and between them to `resolution`, which counts.
+    Position, velocity, acceleration and jerk are polynomials, and their exact extremes are compared.  Torques
+    are known at the states examined, and between these states to `resolution`, which counts.
 
     Attributes:
         quantity: "position", "velocity", "acceleration", "jerk" or "torque".
-        joint_names: The joints.
-        units: Unit of each joint's numbers.
-        margin: Least distance to the nearer limit, negative where it is exceeded, inf without a limit.
+        joint_names: Names of the joints.
+        units: Unit of each joint's margin, value and limits.
+        margin: Minimum distance to the nearer limit, negative if it is exceeded, inf without a limit.
         value: Value of the quantity at that instant.
         lower: Lower limits.
         upper: Upper limits.
-        time: The instant [s].
-        tolerance: Violation that is taken for rounding.
-        resolution: What the quantity may use more of its limit between the states examined, proven; zero
-            where extremes are found.
-        allowance: What that bound may be beyond the limit.
+        time: Time of that instant [s].
+        tolerance: Violation that is attributed to rounding.
+        resolution: Proven bound on how much nearer to its limit the quantity may be between the states
+            examined; zero where exact extremes are known.
+        allowance: Distance beyond the limit that is allowed for the bound between states.
     """
 
     quantity: str
@@ -51,25 +51,25 @@ class LimitCheck(FrozenArrays):
 
     @property
     def success(self) -> bool:
-        """Whether all joints keep within their limits at the states examined, and to `allowance` between."""
+        """Whether all joints are within their limits at the states, and to `allowance` between them."""
         inside, proven = self.margin >= -self.tolerance, self.resolution <= self._room
         return bool(np.all(inside & proven))
 
     @property
     def _room(self) -> Array:
-        """What is left for `resolution`; the margin may be less than zero by rounding."""
+        """Maximum `resolution` that still proves the limit; a margin below zero counts as zero."""
         return np.maximum(self.margin, 0.0) + self.allowance
 
     @property
     def use(self) -> Array:
-        """Share of the limit used at the worst instant, 1 at the limit, 0 in the middle or without one."""
+        """Fraction of the limit used at the worst instant: 1 at the limit, 0 in the middle or without one."""
         half = (self.upper - self.lower) / 2
         with np.errstate(invalid="ignore"):
             return np.where(np.isfinite(half), 1.0 - self.margin / half, 0.0)
 
     @property
     def worst(self) -> int:
-        """Index of the joint that uses most of its limit."""
+        """Index of the joint that uses the largest fraction of its limit."""
         return int(np.argmax(self.use))
 
     def sentence(self) -> str:
@@ -107,20 +107,20 @@ class LimitCheck(FrozenArrays):
 
 @dataclass(frozen=True)
 class ScalarCheck:
-    """One number that must be no less than a required one.
+    """A scalar quantity that is compared with a required value.
 
     Attributes:
-        quantity: What it is.
-        margin: Least value over the trajectory less the required one [unit]; of clearance the bound that is
-            proven between the states examined too.
+        quantity: Name of the quantity.
+        margin: Distance of the worst value over the trajectory from the required one, negative if violated
+            [unit]; for clearance, of the bound that is proven between the states examined too.
         value: Value at the worst instant [unit].
-        time: The instant [s].
-        unit: Unit.
-        detail: What the value means, in words.
-        resolution: What the value may be worse by between the states examined, proven [unit].
-        limit: The greatest speed, or least clearance, allowed [unit]; None where only the margin says it.
-        allowance: What the bound between the states may be worse than the requirement by [unit]; infinite
-            where `margin` is that of the bound, or nothing lies between.
+        time: Time of that instant [s].
+        unit: Unit of the value.
+        detail: Meaning of the value, in words.
+        resolution: Proven bound on how much worse the value may be between the states examined [unit].
+        limit: Maximum speed, or minimum clearance, allowed [unit]; None where it is not stated.
+        allowance: Distance beyond the requirement that is allowed for the bound between states [unit];
+            infinite where `margin` already includes the bound, or there is nothing between states.
     """
 
     quantity: str
@@ -167,30 +167,31 @@ class ScalarCheck:
 
 @dataclass(frozen=True, eq=False)
 class Certificate(BriefRepr):
-    """Limits, continuity, balance and clearances of a trajectory, from code other than what made it.
+    """Limits, continuity, balance and clearances of a trajectory, by code independent of what made it.
 
     Attributes:
-        duration: Of the trajectory [s].
+        duration: Duration of the trajectory [s].
         samples: Number of states examined for torque, balance and speeds.
-        step: Time between the regular ones [s]; both sides of every knot come on top.
-        position: Against the position limits.
-        velocity: Against the velocity limits.
-        acceleration: Against the acceleration limits.
-        torque: Against the effort limits, by `pepper_kin.dynamics.newton_euler`.
-        position_continuity: Greatest jump of a joint's position at a knot.
-        velocity_continuity: Greatest jump of a joint's velocity at a knot.
+        step: Time between regular states [s]; both sides of every knot are examined in addition.
+        position: Positions compared with the position limits.
+        velocity: Velocities compared with the velocity limits.
+        acceleration: Accelerations compared with the acceleration limits.
+        torque: Torques compared with the effort limits, computed by `pepper_kin.dynamics.newton_euler`.
+        position_continuity: Largest jump of a joint's position at a knot.
+        velocity_continuity: Largest jump of a joint's velocity at a knot.
         balance: Distance of the zero-moment point from the edge of the wheels' triangle, negative outside;
             None for a robot without Pepper's wheels, and with `balance=None`.
-        obstacle_clearance: Least distance to the objects of the scene, which succeeds where its bound is
-            above zero, or keeps the margin asked, everywhere; None with `collisions=False` and where the
-            scene is empty.
-        self_clearance: The same of the robot's own parts and what it holds; None with `collisions=False`.
-        jerk: Against jerk limits; None if none were given.
-        acceleration_continuity: Greatest jump of a joint's acceleration at a knot; None without jerk limits.
-        hand_speed: Speeds of frames against their limits; None if none were given.
-        wheel_speed: The wheel of a planar base that uses most of its speed; None for other robots.
-        wheel_acceleration: The wheel that uses most of its acceleration.
-        base_speed: The speed of a planar base.
+        obstacle_clearance: Minimum distance to the objects of the scene; it succeeds if its bound is above
+            zero, or keeps the margin asked, everywhere; None with `collisions=False` and where the scene is
+            empty.
+        self_clearance: Minimum distance between the robot's own parts and attached objects; None with
+            `collisions=False`.
+        jerk: Jerk compared with the jerk limits; None if none were given.
+        acceleration_continuity: Largest jump of a joint's acceleration at a knot; None without jerk limits.
+        hand_speed: Speeds of frames compared with their limits; None if none were given.
+        wheel_speed: Speed of the planar base's wheel that is nearest to its limit; None for other robots.
+        wheel_acceleration: Acceleration of the wheel that is nearest to its limit.
+        base_speed: Speed of a planar base compared with its limit.
     """
 
     duration: float
@@ -214,7 +215,7 @@ class Certificate(BriefRepr):
 
     @property
     def clearance(self) -> ScalarCheck | None:
-        """That of the two clearances with the lesser distance; None where neither was examined."""
+        """The smaller of the obstacle and self clearance; None if neither was examined."""
         examined = [one for one in (self.obstacle_clearance, self.self_clearance) if one is not None]
         return min(examined, key=lambda check: check.value, default=None)
 
@@ -251,7 +252,7 @@ class Certificate(BriefRepr):
         return tuple(name for name, check in self.checks.items() if not check.success)
 
     def report(self) -> str:
-        """Say in words what was found, one line per check."""
+        """Return the results in words, one line per check."""
         verdict = "passes every check" if self.success else f"fails: {', '.join(self.failures)}"
         head = (
             f"Trajectory of {self.duration:.3f} s, {self.samples} states examined "
@@ -274,7 +275,7 @@ class Certificate(BriefRepr):
 
 
 def _between(resolution: float, unit: str, word: str, room: float) -> str:
-    """Say what is known between the states examined; nothing where it is all."""
+    """Return words on the bound between the states examined; empty if the resolution is zero."""
     if resolution == 0.0:
         return ""
     if not np.isfinite(resolution):

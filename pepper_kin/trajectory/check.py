@@ -1,4 +1,4 @@
-"""Examination of a trajectory by code other than what made it."""
+"""Examination of a trajectory by code independent of what made it."""
 
 from __future__ import annotations
 
@@ -44,8 +44,8 @@ if TYPE_CHECKING:
 
 BALANCE_TOLERANCE = 1e-7  # [m]
 BALANCE_ALLOWANCE = 1e-4
-"""What the bound on the zero-moment point may lack between the states examined [m]."""
-_TOUCH = 1e-9  # [m] depth stated for a contact whose depth is not known
+"""Amount by which the bound on balance between the states examined may miss the requirement [m]."""
+_TOUCH = 1e-9  # depth stated for a contact whose depth is not known [m]
 
 
 def check(
@@ -64,43 +64,43 @@ def check(
     acceleration_scale: float = 1.0,
     torque_scale: TorqueScale = 1.0,
 ) -> Certificate:
-    """Examine a trajectory: polynomials at their extremes, all else closely and with bounds between.
+    """Examine a trajectory: polynomials at their extremes, all else at close states with bounds between.
 
-    Position, velocity, acceleration and jerk are compared with the robot's limits where they are extreme,
-    wherever that is (`pepper_kin.trajectory.examined_states`).  Torques are computed by
-    `pepper_kin.dynamics.newton_euler`, like balance and the speeds of hands and wheels, every millisecond and
-    on both sides of every knot; what each may be worse by in between is proven and stated as `resolution`
-    (`pepper_kin.trajectory.examined_states`), and counts: a bound may be 0.1 % of a torque's or speed's limit
-    beyond it, and lack 0.1 mm of balance.  Where a millisecond is too long to prove that, parts of it down to
-    a sixteenth are looked at.  Nothing of this shares code with the core that times trajectories.
-    Positions and velocities (and accelerations, where jerk is limited) must be continuous at knots; the
-    zero-moment point must lie in the triangle of the wheels.
+    The exact extremes of position, velocity, acceleration and jerk are compared with the robot's limits.
+    Torques (by `pepper_kin.dynamics.newton_euler`), balance and the speeds of hands and wheels are computed
+    every millisecond and on both sides of every knot.  A bound on how much worse each may be in between is
+    proven, stated as `resolution` (`pepper_kin.trajectory.examined_states`), and counts: the bound may exceed
+    a limit of torque or speed by 0.1 %, and miss the balance margin by 0.1 mm.  Where a millisecond is too
+    long to prove that, the gap is divided into up to 16 parts.  None of this code is shared with the core
+    that times trajectories.  Positions and velocities (and accelerations, where jerk is limited) must be
+    continuous at knots; the zero-moment point must lie in the triangle of the wheels.
 
     Args:
         pepper: The robot.
         trajectory: The trajectory; its joints must be the robot's.
-        scene: The `pepper_kin.collision.Scene` around the robot; None for nothing.  The clearance of
-            the robot from itself is measured in any case.  The mass of attached objects counts.  Obstacles
-            that move are where they are at each time, and what their uncertainty has grown by is taken off.
+        scene: The `pepper_kin.collision.Scene` around the robot; None for no obstacles.  Clearance of the
+            robot from itself is measured in any case.  Masses of attached objects count.  Moving obstacles
+            are placed where they are at each time, and the growth of their uncertainty is subtracted from the
+            distance.
         start_time: Time of the scene at which the motion begins [s], 0 or more.
         collisions: Whether collisions are examined; False leaves them out, and the result says so.
-        margin: Distance that is to be kept from the scene's objects [m]; the robot's own parts must not
-            touch.
-        jerk: As in `retime`.
-        balance: As in `retime` [m]: the edge of the triangle unless more is asked; not looked at for a robot
-            without wheels.
-        hand_speed: As in `retime` [m/s].
-        payload: As in `retime` [kg].
-        velocity_scale: Share of the velocity limits that the motion may use, as in `retime`; of wheels, too.
-        acceleration_scale: The same of accelerations; limits of jerk stay what they are, as in `retime`.
-        torque_scale: The same of effort limits: all of them unless less is asked.
+        margin: Distance to be kept from the scene's objects [m]; the robot's own parts must not touch.
+        jerk: Jerk limits, by a name or number that `retime` takes; None to leave jerk out.
+        balance: Distance that the zero-moment point is to keep from the edges of the wheels' triangle [m]; it
+            is not examined for a robot without wheels, nor with None.
+        hand_speed: Maximum speed of both hands' effectors, or of "left", "right" or a frame by name [m/s].
+        payload: Point masses held at "left", "right" or a frame by name [kg].
+        velocity_scale: Fraction of the velocity limits that the motion may use, also for wheels, in (0, 1].
+        acceleration_scale: Fraction of the acceleration limits that the motion may use, in (0, 1]; jerk
+            limits are not scaled.
+        torque_scale: Fraction of the effort limits that the motion may use, in (0, 1].
 
     Returns:
-        The certificate, whose limits are the shares.
+        The certificate; its limits include the scales.
 
     Raises:
-        InvalidValueError: where the trajectory's joints are not the robot's, in its order; or for an option
-            out of range.
+        InvalidValueError: if the trajectory's joints are not the robot's, in its order; or for an option out
+            of range.
     """
     refuse_other_joints(pepper, trajectory.joint_names)
     world, kept_away = checked_world(scene, collisions), not_negative("margin", margin)
@@ -116,7 +116,7 @@ def check(
     speeds = limits.speeds + wheel_speeds(pepper)
 
     def against(quantity: str, order: int, lower: Array, upper: Array) -> LimitCheck:
-        """Compare a derivative of the positions with its limits, shape (n,) each."""
+        """Compare the extremes of a derivative of the positions with its limits, shape (n,) each."""
         return _at_extremes(pepper, quantity, trajectory, order, lower, upper)
 
     v, a, effort = allowed.velocity, allowed.acceleration, pepper.effort_limits * (limits.torque or 1.0)
@@ -147,7 +147,7 @@ def check(
 def _at_extremes(
     pepper: PepperModel, quantity: str, trajectory: Trajectory, order: int, lower: Array, upper: Array
 ) -> LimitCheck:
-    """Compare a derivative of the positions with limits, shape (n,) each, where it is extreme."""
+    """Compare the extremes of a derivative of the positions with limits, shape (n,) each."""
     found = extremes_of(trajectory.breaks, trajectory.coefficients, order)
     above = upper - found.high < found.low - lower
     value = np.where(above, found.high, found.low)
@@ -183,7 +183,7 @@ def _limit_check(
     upper: Array,
     resolution: Array,
 ) -> LimitCheck:
-    """Return what was found; `worst` are margins, values and times, shape (n,) each."""
+    """Return the check of a quantity; `worst` are margins, values and times, shape (n,) each."""
     units = tuple(unit_of(quantity, unit) for unit in pepper.joint_units)
     with np.errstate(invalid="ignore"):
         tolerance = np.where(np.isfinite(upper - lower), RELATIVE_TOLERANCE * (upper - lower) / 2, 0.0)
@@ -222,7 +222,7 @@ def _continuity(trajectory: Trajectory, order: int) -> ScalarCheck:
 
 
 def _balance(pepper: PepperModel, polygon: Array, examined: Examined, limits: MotionLimits) -> ScalarCheck:
-    """Find the least distance of the zero-moment point from the edges of a polygon [m], shape (3, 2)."""
+    """Find the minimum distance of the zero-moment point from the edges of a polygon [m], shape (3, 2)."""
 
     def margins(of: Examined) -> tuple[Array, Array]:
         """Return the distances at states [m], and the floor's force there [N], shape (T,) each."""
@@ -248,18 +248,18 @@ def _balance(pepper: PepperModel, polygon: Array, examined: Examined, limits: Mo
 
 
 def _least_balance(polygon: Array, examined: Examined, margin: Array, force: Array) -> Array:
-    """Return what the zero-moment point's distance from an edge is at least on the pieces [m], shape (m,).
+    """Return lower bounds on the zero-moment point's distance from an edge on the pieces [m], shape (m,).
 
-    It is h / f, of an edge moment over the floor's force, both of which lie between their values at two
-    states to b g^2 / 8, with b the bound on the second derivative and g the gap.  The quotient of the lines
-    between these values is nowhere below its lesser end d, so that the distance is at least
-    d - (e_h + |d| e_f) / (f - e_f); -inf where the floor's force may vanish.
+    The distance is h / f, an edge moment over the floor's force.  Between two states, each deviates from
+    linear interpolation by at most e = b g^2 / 8, with b the bound on its second derivative and g the gap.
+    The quotient of the two interpolants is nowhere below the smaller value d at both ends, so that the
+    distance is at least d - (e_h + |d| e_f) / (f - e_f); -inf where the floor's force may vanish.
 
     Args:
         polygon: Corners of the support polygon [m], shape (3, 2).
         examined: The states.
-        margin: Distances at the states [m], shape (T,).
-        force: The floor's force there [N], shape (T,).
+        margin: Distance at each state [m], shape (T,).
+        force: Force of the floor at each state [N], shape (T,).
     """
     pull, moment = examined.bounds.floor()
     reach = float(np.linalg.norm(polygon, axis=1).max())  # no edge is farther from the base's origin
@@ -275,7 +275,7 @@ def _least_balance(polygon: Array, examined: Examined, margin: Array, force: Arr
 
 
 def _speed(pepper: PepperModel, examined: Examined, speeds: AtFrames) -> ScalarCheck:
-    """Compare the speeds of frames, by Jacobians, with their limits; report the one that uses most."""
+    """Compare speeds of frames, by Jacobians, with their limits; return the check nearest to its limit."""
     found = []
     for frame, limit in speeds:
 
@@ -310,7 +310,7 @@ def _wheels(examined: Examined, wheels: WheelLimits) -> dict[str, ScalarCheck]:
         names: tuple[str, ...],
         unit: str,
     ) -> Any:
-        """Return the check of sizes, shape (T, w), with second derivatives of at most `second`, (m, w)."""
+        """Return the check of absolute values, shape (T, w), with bounds on second derivatives, (m, w)."""
         size = of(examined.state)
         at, row = np.unravel_index(int(np.argmax(size)), size.shape)
         most = np.full(size.shape[1], limit)
@@ -349,9 +349,9 @@ def _clearance(
     start_time: float,
     margin: float | None,
 ) -> ScalarCheck:
-    """Find the least distance to obstacles, or, without a margin [m], to itself; see `proven_clearance`.
+    """Find the minimum distance to obstacles, or, if `margin` [m] is None, between the robot's own parts.
 
-    Neighbors decided by joint ranges count as yes or no.
+    Neighboring links that are decided by joint ranges have no distance: they touch or they do not.
     """
     to: PairsTo = "self" if margin is None else "obstacles"
     least = margin or 0.0

@@ -1,4 +1,4 @@
-"""New trajectories from old: cut, joined, blended, reversed, slower."""
+"""Editing of trajectories: cutting, joining, blending, reversing, scaling in time."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from pepper_kin.trajectory.samples import TIME_TOLERANCE, known
 if TYPE_CHECKING:
     from pepper_kin.trajectory.trajectory import Trajectory
 
-_MEET = 1e-6  # [rad or m] ends no further apart than this meet
+_MEET = 1e-6  # largest distance at which two ends meet [rad or m] or [rad/s or m/s]
 
 
 def scaled(trajectory: Trajectory, factor: float) -> Trajectory:
@@ -107,7 +107,7 @@ def _like(trajectory: Trajectory, breaks: Array, coefficients: Array) -> Traject
 
 
 def _sound(trajectory: Trajectory, breaks: Array, coefficients: Array) -> Trajectory:
-    """Return the same of new arrays that are right where those of another trajectory were."""
+    """Return a trajectory of new arrays without checks, with the joints of another trajectory."""
     arrays = {"breaks": read_only(breaks), "coefficients": read_only(coefficients)}
     return known(type(trajectory), trajectory.joint_names, trajectory.joint_units, **arrays)
 
@@ -123,7 +123,7 @@ def _padded(coefficients: Array, order: int) -> Array:
 
 
 def _places(trajectory: Trajectory, knots: Array) -> tuple[NDArray[np.intp], Array]:
-    """Return the piece of each interval between knots [s], shape (m + 1,), and its start there [s], (m,)."""
+    """Return the piece and local start time [s], shape (m,) each, of intervals between knots, (m + 1,)."""
     middle = (knots[1:] + knots[:-1]) / 2
     segments = np.clip(
         np.searchsorted(trajectory.breaks, middle, side="right") - 1, 0, trajectory.breaks.size - 2
@@ -132,16 +132,16 @@ def _places(trajectory: Trajectory, knots: Array) -> tuple[NDArray[np.intp], Arr
 
 
 def _extended(trajectory: Trajectory, knots: Array, order: int, starts: float) -> Array:
-    """Return coefficients between knots of a trajectory that rests before its start and after its end.
+    """Return coefficients on new knots of a trajectory that rests before its start and after its end.
 
     Args:
         trajectory: The trajectory.
-        knots: Rising [s], shape (m + 1,).
+        knots: Increasing times [s], shape (m + 1,).
         order: Number of coefficients k.
         starts: Time on the knots' clock at which the trajectory starts [s].
 
     Returns:
-        Constant term first, shape (m, k, n).
+        Coefficients, constant term first, shape (m, k, n).
     """
     segments, by = _places(trajectory, knots - starts)
     found = _padded(shifted(trajectory.coefficients[segments], by), order)

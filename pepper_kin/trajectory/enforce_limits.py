@@ -32,32 +32,32 @@ from pepper_kin.trajectory.trajectory import Trajectory
 if TYPE_CHECKING:
     from pepper_kin.collision import Scene
 
-JUMP = 1e-6  # [rad, m, rad/s or m/s] at a knot
-_RELATIVE = 1e-7  # of a limit, for rounding
-_INSIDE = np.linspace(0.0, 1.0, 10)[1:-1]  # of pieces that milliseconds may miss
+JUMP = 1e-6  # largest difference at a knot that is no jump [rad, m, rad/s or m/s]
+_RELATIVE = 1e-7  # violation attributed to rounding, relative to the width of the limits
+_INSIDE = np.linspace(0.0, 1.0, 10)[1:-1]  # fractions of short pieces at which states are examined
 _DERIVATIVES = ("position", "velocity")
-_FINER = 4  # points of the time law per piece of the rounded curve
-_WINDOW = 0.05  # [s] over which a slow-down fades in and out
+_FINER = 4  # samples of the time scaling per piece of the rounded curve
+_WINDOW = 0.05  # time over which a slow-down fades in and out [s]
 _ROUNDS = 240
-_JUMP = 1e-4  # [rad or m]
-_SHARE = 0.98  # of each limit; the rest is for what happens between the points looked at
-_BALANCE = 0.001  # [m] from the edge of the wheels' triangle, for the same reason
+_JUMP = 1e-4  # smallest difference of positions at a knot that is replaced by a smooth motion [rad or m]
+_SHARE = 0.98  # fraction of each limit that is used; the rest covers what is between samples
+_BALANCE = 0.001  # additional distance from the triangle's edge, for the same reason [m]
 _BASIS = np.array([[1, 4, 1, 0], [-3, 0, 3, 0], [3, -6, 3, 0], [-1, 3, -3, 1]]) / 6.0
 _GAUSS = np.polynomial.legendre.leggauss(4)
 
 
 @dataclass(frozen=True)
 class LimitViolation:
-    """One stretch of time in which one joint is outside one limit, or one jump.
+    """A time interval in which one joint is outside one limit, or a jump.
 
     Attributes:
         joint: Name of the joint.
         quantity: "position", "velocity", "acceleration", "position jump" or "velocity jump".
-        start: When it begins [s].
-        end: When it ends [s]; of a jump the same.
-        time: When it is worst [s].
-        value: The value then; of a jump its height.
-        limit: The limit that is exceeded; 0 for a jump.
+        start: Start of the interval [s].
+        end: End of the interval [s]; for a jump equal to the start.
+        time: Time of the worst value [s].
+        value: Worst value; for a jump its height.
+        limit: Limit that is exceeded; 0 for a jump.
         unit: Unit of value and limit.
     """
 
@@ -71,7 +71,7 @@ class LimitViolation:
     unit: str
 
     def sentence(self) -> str:
-        """Say what was exceeded, when and by how much."""
+        """Return in words what was exceeded, when and by how much."""
         if self.quantity.endswith("jump"):
             return f"{self.joint}: {self.quantity} of {self.value:.4g} {self.unit} at {self.time:.3f} s"
         value, limit = beside_limits(self.value, self.limit, outside=True)
@@ -82,17 +82,17 @@ class LimitViolation:
 
 
 def find_limit_violations(pepper: PepperModel, trajectory: Trajectory) -> tuple[LimitViolation, ...]:
-    """Return every excess of position, velocity and acceleration limits, and every jump, in order of time.
+    """Return all violations of position, velocity and acceleration limits, and all jumps, in order of time.
 
-    The motion is looked at every millisecond, on both sides of every knot, where a quantity is greatest and
-    least, and more closely on pieces shorter than a millisecond.
+    The motion is examined every millisecond, on both sides of every knot, at the extremes of each quantity,
+    and at more points on pieces shorter than 2 ms.
 
     Args:
         pepper: The robot.
         trajectory: The motion; its joints must be the robot's.
 
     Raises:
-        InvalidValueError: where the joints are not the robot's, in its order.
+        InvalidValueError: if the joints are not the robot's, in its order.
     """
     refuse_other_joints(pepper, trajectory.joint_names)
     time, state = _states(trajectory, _between(trajectory))
@@ -107,7 +107,7 @@ def find_limit_violations(pepper: PepperModel, trajectory: Trajectory) -> tuple[
 
 
 def _between(trajectory: Trajectory) -> Array:
-    """Return times besides those of every millisecond: of extremes, and on short pieces."""
+    """Return times to examine in addition to every millisecond: of extremes, and on short pieces."""
     start, width = trajectory.knots[:-1], np.diff(trajectory.knots)
     short = width < 2 * EXAMINED_EVERY
     times = [(start[short, None] + width[short, None] * _INSIDE).ravel()]
@@ -118,7 +118,7 @@ def _between(trajectory: Trajectory) -> Array:
 
 
 def _states(trajectory: Trajectory, besides: Array) -> tuple[Array, State]:
-    """Return times in order (T,) and states (T, n), knots once for each side."""
+    """Return sorted times, shape (T,), and states, shape (T, n), each knot once for each side."""
     step = np.diff(trajectory.knots)
     segments = np.arange(step.size)
     regular = np.union1d(sample_times(trajectory.duration, examination_step(trajectory.duration)), besides)
@@ -129,7 +129,7 @@ def _states(trajectory: Trajectory, besides: Array) -> tuple[Array, State]:
         trajectory.at_segments(segments, step),
     ]
     time = np.concatenate([inside, trajectory.knots[:-1], trajectory.knots[1:]])
-    # At a knot the end of the piece before comes ahead of the start of the piece behind.
+    # At a knot the end of the earlier piece precedes the start of the later piece.
     side = np.concatenate([np.zeros(inside.size), np.ones(segments.size), -np.ones(segments.size)])
     order = np.lexsort((side, time))
     return time[order], State(*(np.concatenate(part)[order] for part in zip(*parts, strict=True)))
@@ -138,13 +138,13 @@ def _states(trajectory: Trajectory, besides: Array) -> tuple[Array, State]:
 def _outside(
     pepper: PepperModel, quantity: str, time: Array, value: Array, lower: Array, upper: Array
 ) -> list[LimitViolation]:
-    """Return the stretches of time in which joints are outside the limits of a quantity.
+    """Return the time intervals in which joints are outside the limits of a quantity.
 
     Args:
         pepper: The robot.
         quantity: "position", "velocity" or "acceleration".
-        time: In order [s], shape (T,).
-        value: Of the quantity, in its unit, shape (T, n).
+        time: Sorted times [s], shape (T,).
+        value: Values of the quantity, in its unit, shape (T, n).
         lower: Lower limits, in the same unit, shape (n,).
         upper: Upper limits, in the same unit, shape (n,).
     """
@@ -191,12 +191,12 @@ def enforce_limits(
     balance: Balance = "robot",
     torque_scale: TorqueScale = "robot",
 ) -> Trajectory:
-    """Return the motion rounded, and slowed down where the robot cannot follow; its rhythm stays elsewhere.
+    """Return the motion smoothed, and slowed down only where the robot cannot follow it.
 
     Positions are moved into the joint limits and become the control points of a uniform cubic B-spline,
         q(s) = sum_i B_i(s) P_i,  P_i = clip(q_given(i h)),
-    which stays within the hull of its control points, begins and ends at rest, and turns corners and jumps
-    into swings.  It is then run with ds/dt = sigma(s) <= 1, smooth, and as near to 1 as
+    which stays within the convex hull of its control points, begins and ends at rest, and replaces corners
+    and jumps by smooth motions.  The time scaling ds/dt = sigma(s) <= 1 is smooth, and as near to 1 as
         |q' sigma| <= v,  |q'' sigma^2 + q' sigma sigma'| <= a,  |torque| <= tau
     and the zero-moment point within the wheels' triangle allow, and on a planar base the speeds and
     accelerations of its wheels and its own speed.  Unlike `retime` it is not the fastest:
@@ -205,34 +205,35 @@ def enforce_limits(
     Args:
         pepper: The robot, which gives the limits.
         trajectory: Any motion of its joints, with jumps, corners and limit violations if need be.
-        rounding: Distance h of the control points [s]; a smooth motion is left by h^2 |a| / 6.
-        scene: The scene whose attached objects count with their mass; None for none.  It is not looked at for
-            collisions.
+        rounding: Time h between control points [s]; a smooth motion deviates by h^2 |a| / 6.
+        scene: The scene whose attached objects count with their mass; None for none.  Collisions are not
+            checked.
         payload: Point masses held at "left", "right" or a frame by name [kg], besides attached objects.
-        balance: As in `retime` [m].
-        torque_scale: As in `retime`.
+        balance: Distance that the zero-moment point keeps from the edges of the wheels' triangle [m]; "robot"
+            for the robot's requirement, None to leave balance out.
+        torque_scale: Fraction of the effort limits to use, in (0, 1]; "robot" for the robot's requirement.
 
     Returns:
         The motion, of degree 5, 2 h longer than the given one where nothing is slowed down.
 
     Raises:
-        InvalidValueError: where the joints are not the robot's, or for a rounding not in (0, duration].
+        InvalidValueError: if the joints are not the robot's, or for a rounding not in (0, duration].
         UnknownNameError: for a frame that the robot lacks.
-        InfeasibleError: where the robot could not even stand still in a position on the way, or where a joint
-            moves whose limit of velocity or acceleration is zero.
+        InfeasibleError: if the robot could not even stand still in a position on the way, or if a joint moves
+            whose velocity or acceleration limit is zero.
     """
     kept = motion_limits(pepper, balance=balance, torque_scale=torque_scale, payload=payload, scene=scene)
     return rounded_and_slowed(pepper, trajectory, rounding, kept).trajectory
 
 
 class Slowed(NamedTuple):
-    """A motion within the limits, and where it is slower than it was given.
+    """A motion within the limits, and its time scaling.
 
     Attributes:
         trajectory: The motion.
         curve: The rounded motion at full speed.
         time: Times on the curve, evenly spaced [s], shape (T,).
-        speed: sigma there, 0 to 1, shape (T,).
+        speed: Rate sigma at each time, 0 to 1, shape (T,).
     """
 
     trajectory: Trajectory
@@ -247,13 +248,13 @@ def rounded_and_slowed(
     rounding: float,
     kept: MotionLimits,
 ) -> Slowed:
-    """Do what `enforce_limits` does within limits, and say where the motion is slowed down."""
+    """Return the motion of `enforce_limits` within given limits, with its time scaling."""
     refuse_other_joints(pepper, trajectory.joint_names)
     h = check_positive("rounding", rounding, "s")
     if h > trajectory.duration:
         raise InvalidValueError("rounding", f"{h} s", f"at most the duration, {trajectory.duration:.6g} s")
     changes = np.diff(trajectory.coefficients[:, :1], axis=0, append=trajectory.coefficients[-1:, :1])
-    steps = np.concatenate([trajectory.coefficients, changes], axis=1)  # a jump is a motion, too
+    steps = np.concatenate([trajectory.coefficients, changes], axis=1)  # a jump moves the joint, too
     refuse_motionless(pepper, steps, pepper.acceleration_limits, "safe motion")
     curve = _rounded(pepper, trajectory, h)
     s = np.linspace(0.0, curve.duration, _FINER * (curve.breaks.size - 1) + 1)
@@ -262,7 +263,7 @@ def rounded_and_slowed(
 
 
 def _rounded(pepper: PepperModel, trajectory: Trajectory, h: float) -> Trajectory:
-    """Return the B-spline whose control points are the given positions, its ends three times."""
+    """Return the B-spline whose control points are sampled positions, with threefold end points."""
     points = _control_points(pepper, trajectory, h)
     points = np.concatenate([points[:1], points[:1], points, points[-1:], points[-1:]])
     four = np.stack([points[i : points.shape[0] - 3 + i] for i in range(4)], axis=1)
@@ -274,7 +275,7 @@ def _rounded(pepper: PepperModel, trajectory: Trajectory, h: float) -> Trajector
 
 
 def _control_points(pepper: PepperModel, trajectory: Trajectory, h: float) -> Array:
-    """Return positions every h or a little less, with a swing put in where a position jumps, shape (k, n)."""
+    """Return positions about every h [s], with a smooth motion inserted at each jump, shape (k, n)."""
     step, segments = np.diff(trajectory.knots), np.arange(trajectory.knots.size - 1)
     before = trajectory.at_segments(segments, step).position
     after = trajectory.at_segments(segments, 0.0 * step).position
@@ -282,7 +283,7 @@ def _control_points(pepper: PepperModel, trajectory: Trajectory, h: float) -> Ar
     parts: list[Array] = []
     for first, last in zip([0, *jumps], [*jumps, segments.size], strict=True):
         begin, end = trajectory.knots[first], trajectory.knots[last]
-        # The end itself belongs to the piece behind it, so that is taken from the piece before.
+        # At the end itself the later piece gives the value, so the earlier piece's end is used instead.
         inside = np.linspace(begin, end, max(2, round((end - begin) / h) + 1))[:-1]
         smooth = np.clip(
             np.vstack([trajectory(inside).position, before[last - 1]]),
@@ -296,19 +297,19 @@ def _control_points(pepper: PepperModel, trajectory: Trajectory, h: float) -> Ar
 
 
 def _swing(pepper: PepperModel, start: Array, end: Array, h: float) -> Array:
-    """Return points strictly between two positions, in the time of the quintic from rest to rest.
+    """Return points strictly between two positions on the fastest quintic from rest to rest.
 
     Args:
         pepper: The robot.
         start: First position [rad or m], shape (n,).
         end: Last position [rad or m], shape (n,).
-        h: Time between points, about [s].
+        h: Approximate time between points [s].
 
     Returns:
         Positions [rad or m], shape (k, n).
     """
     distance = np.abs(end - start)
-    # Of q = d (10 u^3 - 15 u^4 + 6 u^5), u = t / T: |v| <= 1.875 d / T and |a| <= 5.774 d / T^2.
+    # With q = d (10 u^3 - 15 u^4 + 6 u^5), u = t / T: |v| <= 1.875 d / T and |a| <= 5.774 d / T^2.
     time = max(
         float(np.max(share_of(1.875 * distance, pepper.velocity_limits))),
         float(np.sqrt(np.max(share_of(5.774 * distance, pepper.acceleration_limits)))),
@@ -318,13 +319,13 @@ def _swing(pepper: PepperModel, start: Array, end: Array, h: float) -> Array:
 
 
 def _speed(pepper: PepperModel, s: Array, path: State, kept: MotionLimits) -> Any:
-    """Return the speed along the curve as a spline: a ceiling, lowered where a limit is exceeded.
+    """Return the rate along the curve as a spline, lowered until no limit is exceeded.
 
     Args:
         pepper: The robot.
         s: Times on the curve, evenly spaced [s], shape (T,).
-        path: The curve's states there, shape (T, n) each.
-        kept: What the motion may use.
+        path: States of the curve at each time, shape (T, n) each.
+        kept: Limits that the motion may use.
     """
     from scipy.interpolate import CubicSpline
     from scipy.ndimage import minimum_filter1d
@@ -335,14 +336,14 @@ def _speed(pepper: PepperModel, s: Array, path: State, kept: MotionLimits) -> An
     _refuse_unholdable(pepper, path.position, kept)
     ceiling = _ceiling(pepper, path)
     for _ in range(_ROUNDS):
-        # The least within the window, averaged over the window, is nowhere above the ceiling.
+        # The minimum within the window, averaged over the window, is nowhere above the ceiling.
         lowest = minimum_filter1d(ceiling, 2 * half + 1, mode="nearest")
         sigma = np.convolve(np.pad(lowest, half, mode="edge"), kernel, mode="valid")
         speed = CubicSpline(s, sigma)
         need = _use(pepper, _state(path, sigma, speed(s, 1)), kept)
         if not np.any(need > 1.0):
             return speed
-        # Not by more than a fifth at once: what exceeds may be the slowing down itself.
+        # At most to 1 / 1.25 at once: the slowing down itself may cause the excess.
         lower = sigma / np.clip(np.sqrt(need) * 1.005, 1.0, 1.25)
         ceiling = np.where(need > 1.0, np.minimum(ceiling, lower), ceiling)
     raise InfeasibleError(
@@ -353,7 +354,7 @@ def _speed(pepper: PepperModel, s: Array, path: State, kept: MotionLimits) -> An
 
 
 def _ceiling(pepper: PepperModel, path: State) -> Array:
-    """Return the greatest constant speed up to 1 that velocity and acceleration allow at each point."""
+    """Return the maximum constant rate up to 1 that velocity and acceleration allow at each point, (T,)."""
     velocity = share_of(np.abs(path.velocity), pepper.velocity_limits).max(axis=1)
     bend = share_of(np.abs(path.acceleration), pepper.acceleration_limits).max(axis=1)
     for speed, acceleration in _of_wheels(pepper, path):
@@ -363,7 +364,7 @@ def _ceiling(pepper: PepperModel, path: State) -> Array:
 
 
 def _of_wheels(pepper: PepperModel, state: State) -> list[tuple[Array, Array]]:
-    """Return the shares of wheels' and base's speeds and of wheels' accelerations, shape (T,) each.
+    """Return the fractions of their limits that speeds and accelerations of the base use, shape (T,) each.
 
     The list is empty for a robot without a planar base.
     """
@@ -376,19 +377,19 @@ def _of_wheels(pepper: PepperModel, state: State) -> list[tuple[Array, Array]]:
 
 
 def _state(path: State, sigma: Array, slope: Array) -> State:
-    """Return the states of a curve that is run at another speed.
+    """Return the states of a curve under another time scaling.
 
     Args:
         path: States of the curve over its own time s, shape (T, n) each.
-        sigma: Speed ds/dt there, shape (T,).
-        slope: d sigma / ds there [1/s], shape (T,).
+        sigma: Rate ds/dt at each state, shape (T,).
+        slope: Derivative d sigma / ds at each state [1/s], shape (T,).
     """
     along, bend = sigma[:, None], (sigma * slope)[:, None]
     return State(path.position, path.velocity * along, path.acceleration * along**2 + path.velocity * bend)
 
 
 def _use(pepper: PepperModel, state: State, kept: MotionLimits) -> Array:
-    """Return the largest share of any limit used at each point; above 1 where one is exceeded, shape (T,)."""
+    """Return the largest fraction of any limit used at each point; above 1 if exceeded, shape (T,)."""
     torque = inverse_dynamics_with(pepper, kept.loads, *state)
     shares = [
         share_of(np.abs(state.velocity), pepper.velocity_limits).max(axis=1) / _SHARE,
@@ -409,7 +410,7 @@ def _torque_share(kept: MotionLimits) -> float:
 
 
 def _refuse_unholdable(pepper: PepperModel, position: Array, kept: MotionLimits) -> None:
-    """Raise where gravity overloads a joint or tips the robot over: positions [rad or m], shape (T, n)."""
+    """Raise if gravity overloads a joint or tips the robot over at positions [rad or m], shape (T, n)."""
     still, loads, carrying = np.zeros_like(position), kept.loads, carried_words(kept.loads)
     torque = np.abs(inverse_dynamics_with(pepper, loads, position, still, still))
     share = share_of(torque, pepper.effort_limits)
@@ -431,7 +432,7 @@ def _refuse_unholdable(pepper: PepperModel, position: Array, kept: MotionLimits)
 
 
 def _run(curve: Trajectory, s: Array, speed: Any) -> Trajectory:
-    """Return the curve run at its speed, met in position, velocity and acceleration at s [s], shape (T,)."""
+    """Return the quintic through the curve's states under its time scaling at s [s], shape (T,)."""
     nodes, weights = _GAUSS
     half = np.diff(s)[:, None] / 2
     inside = s[:-1, None] + half * (nodes + 1.0)

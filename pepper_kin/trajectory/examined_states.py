@@ -1,25 +1,25 @@
-"""Motions between the states that are examined: extremes, bounds on rates, the least clearance.
+"""Bounds on a motion between the states that are examined: extremes, rates, minimum clearance.
 
-Extremes are those of piecewise polynomials over their whole length, not of samples: the greatest Bernstein
-coefficient of a piece bounds it, and pieces are halved until none is above the greatest value found by more
-than rounding (`pepper_kin.core.certificates.polynomials`).
+Extremes are exact for the whole piecewise polynomial, not only for samples: the maximum Bernstein coefficient
+of a piece bounds it, and pieces are halved until none exceeds the maximum value found by more than rounding
+(`pepper_kin.core.certificates.polynomials`).
 
-Of a quantity x(t) with |x''| <= b that is known at both ends of a gap of length h, no value between is more
-than b h^2 / 8 beyond the line between the ends.  The bounds b are proven from the tree of joints.  Let a bar
-denote bounds on the norm of a vector and of its derivatives on a piece of the motion, x_k >= |d^k x / dt^k|.
-Sums of vectors have the sums of the bounds, products (dot, cross, matrix times vector) those of Leibniz,
+If a quantity x(t) with |x''| <= b is known at both ends of a gap of length h, it deviates from the line
+between the ends by at most b h^2 / 8.  The bounds b are proven from the tree of joints.  Let x_k >= |d^k x /
+dt^k| be a bound on the norm of a vector's derivative on a piece of the motion.  Bounds of sums are sums of
+the bounds; bounds of products (dot, cross, matrix times vector) follow the Leibniz rule,
 
     (x y)_k = sum_i C(k, i) x_i y_{k-i}.
 
 From the floor outward, with u a unit vector fixed in a link, e and q the axis and position of its joint,
 omega its angular velocity, p the joint's origin and c the center of mass (du/dt = omega x u):
 
-    omega = omega_parent + e dq/dt,   p = p_parent + (a way fixed in the parent) + (e q where it slides),
+    omega = omega_parent + e dq/dt,   p = p_parent + (an offset fixed in the parent) + (e q if prismatic),
     F = m (d2c/dt2 - g),   N = d(I omega)/dt;
 
-inward, forces and moments about the joints' origins are summed, and tau = e . N, or e . F if the joint
-slides.  Only lengths of vectors enter, so that the bounds are several times too large: over a millisecond
-they still amount to a small part of a limit.
+inward, forces and moments about the joints' origins are summed, and tau = e . N, or e . F for a prismatic
+joint.  Only norms of vectors enter, so that the bounds are several times too large; over a millisecond they
+still amount to a small fraction of a limit.
 """
 
 from __future__ import annotations
@@ -56,31 +56,31 @@ if TYPE_CHECKING:
     from pepper_kin.trajectory.trajectory import Trajectory
 
 CUT = 20
-"""Pieces longer than so many steps of an examination are cut, at one of its states."""
+"""Maximum length of a piece, in steps of the examination; longer pieces are cut at a state."""
 
-_ORDER = 4  # of the derivatives of positions
-RELATIVE_TOLERANCE = 1e-9  # of a limit, for rounding
+_ORDER = 4  # highest order of the derivatives of positions
+RELATIVE_TOLERANCE = 1e-9  # violation attributed to rounding, relative to the limit
 ALLOWANCE = 1e-3
-"""Share of a torque's or speed's limit by which its bound between the states examined may be beyond it."""
-_CLOSER = (2, 4, 8, 16)  # parts of a gap between states, where that is too long for a bound
+"""Fraction of a torque or speed limit by which the bound between states may exceed the limit."""
+_CLOSER = (2, 4, 8, 16)  # parts of a gap between states whose bound does not suffice, tried in turn
 STATES = 32
-"""Intervals between the states of a stretch that is looked at once."""
+"""Number of intervals between the states of one time interval whose clearance is examined."""
 PARTS = 4
-"""Stretches that a stretch is cut into where its bound does not suffice."""
+"""Number of parts into which a time interval is cut if its bound does not suffice."""
 FINEST = 1e-6
-"""Bound [m] beyond what is asked below which no stretch is cut: distances by coal are off by as much."""
+"""Uncertainty below which no time interval is cut further [m]: coal's distances have as large an error."""
 MOST_STRETCHES = 2000
-"""Stretches that are looked at; motions that keep less than some micrometers for long would take more."""
+"""Maximum number of time intervals examined: long motions a few micrometers from contact would need more."""
 
 
 class Extremes(NamedTuple):
-    """Greatest and least values of the columns of a piecewise polynomial, shape (n,) each.
+    """Maximum and minimum values of the columns of a piecewise polynomial, shape (n,) each.
 
     Attributes:
-        high: The greatest values.
-        high_time: Where they are attained [s].
-        low: The least values.
-        low_time: Where these are attained [s].
+        high: Maximum values.
+        high_time: Times of the maxima [s].
+        low: Minimum values.
+        low_time: Times of the minima [s].
     """
 
     high: Array
@@ -90,12 +90,12 @@ class Extremes(NamedTuple):
 
 
 def extremes_of(breaks: Array, coefficients: Array, order: int = 0) -> Extremes:
-    """Return the extremes of a derivative of a piecewise polynomial, to 1e-13 of the greatest bound.
+    """Return the extremes of a derivative of a piecewise polynomial, to 1e-13 of the largest bound.
 
     Args:
         breaks: Ends of the pieces [s], shape (m + 1,).
-        coefficients: Constant term first, shape (m, k, n).
-        order: Of the derivative, 0 or more.
+        coefficients: Coefficients, constant term first, shape (m, k, n).
+        order: Order of the derivative, 0 or more.
     """
     found = np.empty((coefficients.shape[2], 2, 2))
     extremes(np.ascontiguousarray(breaks), np.ascontiguousarray(coefficients), order, found)
@@ -107,10 +107,10 @@ class Parts(NamedTuple):
     """A trajectory cut into short pieces.
 
     Attributes:
-        breaks: Their ends [s], shape (m + 1,).
-        segment: The trajectory's piece that each is a part of, shape (m,).
-        offset: Time from the start of that piece to its own [s], shape (m,).
-        rates: Bounds on |d^k q / dt^k| on each, k = 0 ... 4 [rad/s^k or m/s^k], shape (5, m, n).
+        breaks: Ends of the short pieces [s], shape (m + 1,).
+        segment: Index of the trajectory's piece that contains each short piece, shape (m,).
+        offset: Time from the start of that piece to the start of the short piece [s], shape (m,).
+        rates: Bounds on |d^k q / dt^k| on each short piece, k = 0 ... 4 [rad/s^k or m/s^k], shape (5, m, n).
     """
 
     breaks: Array
@@ -120,11 +120,11 @@ class Parts(NamedTuple):
 
 
 def cut(trajectory: Trajectory, longest: float) -> Parts:
-    """Return a trajectory in short pieces with bounds on its derivatives.
+    """Cut a trajectory into short pieces, with bounds on its derivatives.
 
     Args:
         trajectory: The trajectory.
-        longest: Pieces longer than this are cut at its multiples [s].
+        longest: Length above which pieces are cut, at multiples of it [s].
     """
     knots = trajectory.breaks
     cuts = longest * np.arange(1, int(trajectory.duration / longest) + 1)
@@ -145,7 +145,7 @@ class RateBounds:
     Args:
         pepper: The robot.
         rates: Bounds on |d^k q / dt^k|, k = 0 ... 4, shape (5, m, n).
-        loads: What is carried.
+        loads: Carried loads.
     """
 
     def __init__(self, pepper: PepperModel, rates: Array, loads: Loads = ()) -> None:
@@ -153,7 +153,7 @@ class RateBounds:
         chain = _chain(pepper, tuple(loads))
         self._gain = np.abs(np.asarray(pepper.full_map))
         full = rates @ self._gain.T
-        # The constant part of a mimic joint's position counts where it slides.
+        # The constant offset of a mimic joint's position counts if the joint is prismatic.
         full[0] += np.abs(pepper.to_full(np.zeros(pepper.n)))
         self._full = np.ascontiguousarray(np.moveaxis(full, 0, -1))
         m, joints = full.shape[1], chain.parents.size
@@ -169,7 +169,7 @@ class RateBounds:
         """Return bounds on the second derivatives of the floor's force and of its moment about the base.
 
         Returns:
-            [N/s^2] and [N m/s^2], shape (m,), the moment as the axes of the base see it.
+            Bounds of the force [N/s^2] and of the moment in base axes [N m/s^2], shape (m,) each.
         """
         base = self._base()
         carried, unit = self._wrenches[:, base], self._links[:, base, UNIT:]
@@ -184,13 +184,13 @@ class RateBounds:
         return np.asarray(link[:, ORIGIN + 3] + length * link[:, UNIT + 3])
 
     def twist(self, order: int) -> tuple[Array, Array]:
-        """Return bounds on a derivative of the base's velocity in its own axes, and of its turning.
+        """Return bounds on a derivative of the base's linear (in its own axes) and angular velocity.
 
         Args:
-            order: Of the derivative, 2 or 3: of velocities, or of accelerations twice more.
+            order: Order of the derivative: 2, or 3 for the second derivative of accelerations.
 
         Returns:
-            [m/s^(order + 1)] and [rad/s^(order + 1)], shape (m,).
+            Linear [m/s^(order + 1)] and angular bounds [rad/s^(order + 1)], shape (m,) each.
         """
         place = [self._model.joints[self._model.getJointId(joint)].idx_v for joint in BASE_JOINTS]
         speed = np.hypot(self._full[:, place[0], 1:], self._full[:, place[1], 1:])
@@ -199,7 +199,7 @@ class RateBounds:
         return np.asarray(linear), self._full[:, place[2], order + 1]
 
     def _base(self) -> int:
-        """Return the joint that carries the base, 0 where it does not move."""
+        """Return Pinocchio's id of the joint that carries the base, 0 if the base does not move."""
         if set(BASE_JOINTS) <= set(self._pepper.joint_names):
             return int(self._model.getJointId(BASE_JOINTS[-1]))
         return 0
@@ -214,7 +214,7 @@ def _chain(pepper: PepperModel, loads: Loads) -> Chain:
     for load in loads:
         place = model.frames[pepper.frame_id(load.frame)]
         lever = place.placement.translation + place.placement.rotation @ np.array(load.center)
-        masses.append((place.parentJoint, load.mass, lever, load.tensor))  # of which the norm counts
+        masses.append((place.parentJoint, load.mass, lever, load.tensor))  # only the norm of the lever counts
     sizes = [(mass, np.linalg.norm(lever), np.linalg.norm(inertia, 2)) for _, mass, lever, inertia in masses]
     return Chain(
         parents=np.array(model.parents, dtype=np.int64),
@@ -229,24 +229,24 @@ def _chain(pepper: PepperModel, loads: Loads) -> Chain:
 
 
 def _slides(joint: object) -> bool:
-    """Whether a joint of Pinocchio's slides; all others turn about an axis."""
+    """Whether a joint of Pinocchio's is prismatic; all others are revolute."""
     return "P" in str(joint.shortname()).removeprefix("JointModel")[:1]  # type: ignore[attr-defined]
 
 
 class Examined(NamedTuple):
-    """States of a motion that are examined, and bounds on how it goes on between them.
+    """States of a motion that are examined, and bounds on the motion between them.
 
     Attributes:
-        step: Time between the regular ones [s].
-        time: When [s], shape (T,).
-        state: Arrays of shape (T, n).
-        part: Of `rates`, to which each state belongs, shape (T,).
+        step: Time between regular states [s].
+        time: Times of the states [s], shape (T,).
+        state: Positions, velocities and accelerations, shape (T, n) each.
+        part: Index of the piece to which each state belongs, shape (T,).
         gap: Longest time between successive states of each piece [s], shape (m,).
         bounds: Bounds on second derivatives on the pieces.
-        rates: Bounds on |dq/dt| there, shape (m, n).
+        rates: Bounds on |dq/dt| on the pieces [rad/s or m/s], shape (m, n).
         breaks: Ends of the pieces [s], shape (m + 1,).
         trajectory: The motion.
-        parts: How it is cut into the pieces.
+        parts: The motion cut into the pieces.
     """
 
     step: float
@@ -261,7 +261,7 @@ class Examined(NamedTuple):
     parts: Parts
 
     def closer(self, pieces: NDArray[np.intp], count: int) -> Examined:
-        """Return states in some pieces alone, with gaps a `count`-th as long."""
+        """Return states in selected pieces only, with gaps divided by `count`."""
         width = np.diff(self.breaks)[pieces]
         states = count * np.ceil(width / self.gap[pieces] - TIME_TOLERANCE).astype(int) + 1
         index = np.arange(states.sum()) - np.repeat(np.cumsum(states) - states, states)
@@ -275,21 +275,21 @@ class Examined(NamedTuple):
         """Return bounds on a quantity on the pieces, shape (m, w).
 
         Args:
-            size: Its absolute values at the states, shape (T, w).
-            second: Bounds on its second derivative on the pieces, shape (m, w).
+            size: Absolute values of the quantity at the states, shape (T, w).
+            second: Bounds on the second derivative of the quantity on the pieces, shape (m, w).
         """
         highest = np.zeros_like(second)
         np.maximum.at(highest, self.part, size)
         return np.asarray(highest + second * (self.gap**2 / 8)[:, None])
 
     def between(self, size_of: Callable[[State], Array], size: Array, second: Array, limit: Array) -> Array:
-        """Return what a quantity may be greater by between the states than at all of them, shape (w,).
+        """Return bounds on how much a quantity exceeds its maximum at the states between them, shape (w,).
 
         Args:
-            size_of: Returns its absolute values, shape (T, w).
-            size: Those at the states.
-            second: Bounds on its second derivative on the pieces, shape (m, w).
-            limit: Of the quantity, shape (w,).
+            size_of: Function that returns absolute values of the quantity, shape (T, w).
+            size: Absolute values at the states, shape (T, w).
+            second: Bounds on the second derivative of the quantity on the pieces, shape (m, w).
+            limit: Limits of the quantity, shape (w,).
         """
         value = size.max(axis=0)
         bound = self.proven(
@@ -300,12 +300,13 @@ class Examined(NamedTuple):
         return np.maximum(bound - value, 0.0)
 
     def proven(self, bound: Array, bound_of: Callable[[Examined], Array], most: Array) -> Array:
-        """Return bounds over the motion, shape (w,), from closer states where they are not below `most`.
+        """Return bounds over the motion, shape (w,), refined by closer states where they exceed `most`.
 
         Args:
-            bound: Bounds on the pieces, shape (m, w); replaced where better ones are found.
-            bound_of: Returns those by other states; those of pieces without a state are not used.
-            most: Up to which a bound need not be better, shape (w,).
+            bound: Bounds on the pieces, shape (m, w); replaced in place by better bounds.
+            bound_of: Function that returns bounds from other states; bounds of pieces without a state are not
+                used.
+            most: Values up to which a bound needs no refinement, shape (w,).
         """
         for count in _CLOSER:
             pieces = np.flatnonzero((bound > most).any(axis=1))
@@ -316,7 +317,7 @@ class Examined(NamedTuple):
 
 
 def examined_states(pepper: PepperModel, trajectory: Trajectory, loads: Loads) -> Examined:
-    """Return states at every millisecond, and on both sides of every knot."""
+    """Return the states at every millisecond and on both sides of every knot, with bounds between."""
     step = examination_step(trajectory.duration)
     parts = cut(trajectory, CUT * step)
     regular, width = sample_times(trajectory.duration, step), np.diff(parts.breaks)
@@ -334,19 +335,19 @@ def examined_states(pepper: PepperModel, trajectory: Trajectory, loads: Loads) -
 
 
 def derivatives(trajectory: Trajectory, segment: NDArray[np.intp], local: Array, count: int) -> list[Array]:
-    """Return value and first derivatives of the polynomials, shape (T, n) each."""
+    """Return the value and first derivatives of the polynomials, `count` arrays of shape (T, n)."""
     state = np.empty((count, segment.size, trajectory.n))
     evaluate(trajectory.coefficients, segment, local, state)
     return list(state)
 
 
 class ProvenClearance(NamedTuple):
-    """What was found.
+    """Minimum clearance along a motion.
 
     Attributes:
-        nearest: The least distance that was measured, and its pair.
-        time: Its time from the start of the motion [s].
-        bound: What no distance is below, between the states too [m].
+        nearest: Minimum distance that was measured, and its pair.
+        time: Time of that distance from the start of the motion [s].
+        bound: Lower bound on all distances, also between the states [m].
         forbidden: The first time at which a table of joint ranges forbids the posture [s]; None for never.
     """
 
@@ -360,8 +361,8 @@ class Pieces(NamedTuple):
     """Pieces of a motion.
 
     Attributes:
-        breaks: Their ends [s], shape (m + 1,).
-        rates: Bounds on |dq/dt| on each [rad/s or m/s], shape (m, n).
+        breaks: Ends of the pieces [s], shape (m + 1,).
+        rates: Bounds on |dq/dt| on each piece [rad/s or m/s], shape (m, n).
     """
 
     breaks: Array
@@ -378,22 +379,22 @@ def proven_clearance(
     to: PairsTo,
     least: float = 0.0,
 ) -> ProvenClearance:
-    """Return the least distance along a motion, and a bound for all of it.
+    """Return the minimum distance along a motion, and a lower bound for the whole motion.
 
-    A distance that shrinks at most with the speed v is, between two states h apart, no more than v h / 2
-    below the lesser of its values there.  Where that does not suffice to prove that the least distance asked
-    is kept, the motion is cut into stretches with speeds of their own, and these into shorter ones, until it
-    does, until something is nearer, or until v h / 2 is less than `FINEST`.
+    A distance that shrinks at most with speed v is, between two states a time h apart, at most v h / 2 below
+    the smaller of its two values.  If that does not prove that the required distance is kept, the motion is
+    cut into shorter and shorter time intervals with their own speeds, until it does, until something is
+    nearer, or until v h / 2 is less than `FINEST`.
 
     Args:
         pepper: The robot.
-        motion: Its motion.
-        times: Regular times of it [s], shape (T,).
-        pieces: Its pieces.
-        scene: The world around it.
+        motion: The motion.
+        times: Regular times of the motion [s], shape (T,).
+        pieces: Pieces of the motion with bounds on speeds.
+        scene: The world around the robot.
         start_time: Time of the scene at which the motion begins [s].
-        to: Which pairs count: "self" or "obstacles".
-        least: The least distance asked [m].
+        to: Pairs that count: "self" or "obstacles".
+        least: Required minimum distance [m].
     """
     found = collision.least_clearance(pepper, motion(times).position, scene, start_time + times, to=to)
     at = float(times[found.index])
@@ -426,6 +427,6 @@ def proven_clearance(
         if found.distance <= least:
             break
         if looked >= MOST_STRETCHES:
-            bound = -np.inf  # nothing is known of the stretches that wait
+            bound = -np.inf  # nothing is known about the remaining time intervals
             break
     return ProvenClearance(found, at, min(bound, found.distance), forbidden)

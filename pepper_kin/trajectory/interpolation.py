@@ -1,4 +1,4 @@
-"""Trajectories through points over time, and where they leave what the points span."""
+"""Trajectories through points over time, and warnings where they overshoot the points' range."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 
 INTERPOLATIONS = ("cubic", "monotone")
 OVERSHOOT = 0.01
-"""Violation of limits, and of the range of the samples, that is not worth a warning [rad or m]."""
+"""Largest excess over the limits, or over the range of the samples, without a warning [rad or m]."""
 
-_NAMED = 3  # joints in one warning
+_NAMED = 3  # number of joints named in one warning
 
 
 def cubic_pieces(
@@ -32,13 +32,13 @@ def cubic_pieces(
     """Return coefficients of the cubic pieces through points, constant term first, shape (T - 1, 4, n).
 
     Args:
-        time: Rising [s], shape (T,).
-        position: [rad or m], shape (T, n).
-        velocity: [rad/s or m/s], shape (T, n), or None: the cubic spline.
+        time: Increasing times [s], shape (T,).
+        position: Positions [rad or m], shape (T, n).
+        velocity: Velocities [rad/s or m/s], shape (T, n), or None for the cubic spline.
         ends: Velocities at the ends of the spline [rad/s or m/s], shape (2, n), or None: at rest.
 
     Raises:
-        InvalidValueError: for points so near in time, or so far apart, that the slopes overflow.
+        InvalidValueError: for points so near in time, or so far apart, that the velocities overflow.
     """
     from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
@@ -69,8 +69,8 @@ def from_positions(
 ) -> Trajectory:
     """Return the trajectory of `Trajectory.from_positions`, which describes arguments and errors.
 
-    It is of a `kind`.  Times [s] have shape (T,), positions [rad or m] a column for each joint given, and
-    `rest` [rad or m] has shape (n,).
+    `kind` is the class of the result.  Times [s] have shape (T,), positions [rad or m] a column for each
+    joint given, and `rest` [rad or m] has shape (n,).
     """
     time = as_finite(times, "times", (None,))
     check_choice("interpolation", interpolation, INTERPOLATIONS)
@@ -105,7 +105,7 @@ def from_positions(
 def _columns(
     pepper: PepperModel | None, joints: str | Sequence[str] | None
 ) -> tuple[tuple[str, ...], list[int]]:
-    """Return the trajectory's joints, and which of them the columns of positions are."""
+    """Return the trajectory's joint names, and the joint index of each column of positions."""
     if pepper is not None:
         chosen = pepper.resolve_joints(joints)
         return pepper.joint_names, [pepper.joint_index(name) for name in chosen]
@@ -116,7 +116,7 @@ def _columns(
 
 
 def _monotone_slopes(time: Array, q: Array) -> Array:
-    """Return slopes with which cubic pieces stay between their ends, shape (T, n); 0 at both ends."""
+    """Return velocities with which cubic pieces stay between their ends, shape (T, n); 0 at both ends."""
     from scipy.interpolate import PchipInterpolator
 
     if time.size == 2:
@@ -134,7 +134,7 @@ def _monotone_slopes(time: Array, q: Array) -> Array:
 def _excesses(
     trajectory: Trajectory, q: Array, limits: tuple[Array, Array], allowed: float
 ) -> list[tuple[float, int, str]]:
-    """Return excess [rad or m], joint and sentence of each joint's worst position, the worst first.
+    """Return excess [rad or m], joint index and words of each joint's worst position, the worst first.
 
     Args:
         trajectory: The trajectory.

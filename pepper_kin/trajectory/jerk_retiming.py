@@ -1,21 +1,21 @@
 """Timing along a path with velocity, acceleration, jerk and torque limited at once.
 
 The time-optimal motion without jerk limits is smoothed by a moving average over time.  Its time tau then
-becomes a new path parameter, Q(tau) = q(s(tau)), along which the robot sets out with zero speed, and the rate
-y = (d tau / dt)^2 > 0 is optimized:
+becomes a new path parameter, Q(tau) = q(s(tau)), along which the robot starts at rest, and the rate y = (d
+tau / dt)^2 > 0 is optimized:
 
     dq/dt = sqrt(y) Q',   d2q/dt2 = y Q'' + y' Q' / 2,
     d3q/dt3 = sqrt(y) (y Q''' + 3 y' Q'' / 2 + y'' Q' / 2).
 
-Limits on velocity, acceleration, torque and balance are linear in y and y'.  Those on jerk, divided by
-sqrt(y), have the convex function J / sqrt(y) on their right; its tangent lies below it, so that steps within
-tangents at the last y keep the limit (convex-concave constraints: F. Debrouwere et al., IEEE Trans. Robotics
-29, 2013).  y is a quadratic spline in tau, so that jerk is smooth between its knots, and the search for it an
-interior-point method, `pepper_kin.core.timing.rate_program`.
+Limits on velocity, acceleration, torque and balance are linear in y and y'.  Jerk limits, divided by sqrt(y),
+have the convex function J / sqrt(y) on their right-hand side; its tangent lies below it, so that steps within
+the tangents at the previous y keep the limit (convex-concave constraints: F. Debrouwere et al., IEEE Trans.
+Robotics 29, 2013).  y is a quadratic spline in tau, so that jerk is smooth between its knots, and the search
+for it an interior-point method, `pepper_kin.core.timing.rate_program`.
 
-A motion that begins with ds/dt and d2s/dt2 joins that one: a polynomial of degree 5 leads from both to those
-of an instant of the motion from rest.  Of the instants and durations tried, of it and of slower ones, the
-soonest way that keeps all limits is taken.
+A motion that begins with given ds/dt and d2s/dt2 joins the motion from rest: a polynomial of degree 5 leads
+from the start to the state of that motion at some instant.  Of all instants, durations and slower motions
+from rest that are tried, the combination that ends soonest and keeps all limits is taken.
 """
 
 from __future__ import annotations
@@ -41,23 +41,23 @@ from pepper_kin.trajectory.smooth_time import SmoothTime, rate_program, smooth_t
 from pepper_kin.trajectory.time_optimal import refuse_long
 from pepper_kin.trajectory.trajectory import Trajectory
 
-_GAP = 5e-3  # of the duration, at which to stop, after
-_STEPS = 60  # at most
-_PARTS = (3, 6, 12, 24)  # polynomials for each piece of y, more where positions leave their limits
-_WINDOW = 2.5  # width of the moving average over the time in which acceleration may build up,
-_SHARES = (0.1, 0.8)  # and over the duration without jerk limits, least and most
-_JOINS = 64  # instants of the motion from rest at which one from motion may join it
-_DURATIONS = (0.4, 2.5, 24)  # of the way there, of what it would take evenly: least, most and number
-_SLOWER = (1.0, 1.02, 1.06, 1.15, 1.3)  # the motion from rest, which may then be joined sooner
-_PIECE = 0.005  # [s] of the polynomials of that way
+_GAP = 5e-3  # relative gap of the duration at which the interior-point method stops
+_STEPS = 60  # maximum number of interior-point steps
+_PARTS = (3, 6, 12, 24)  # polynomials for each piece of y; more if positions leave their limits
+_WINDOW = 2.5  # width of the moving average, relative to the time in which acceleration builds up
+_SHARES = (0.1, 0.8)  # minimum and maximum of that width, relative to the duration without jerk limits
+_JOINS = 64  # number of instants at which a motion may join the motion from rest
+_DURATIONS = (0.4, 2.5, 24)  # of the joining motion over the even one's: minimum, maximum, number tried
+_SLOWER = (1.0, 1.02, 1.06, 1.15, 1.3)  # slow-downs of the motion from rest, which may then be joined sooner
+_PIECE = 0.005  # length of the polynomials of the joining motion [s]
 _TOLERANCE = 1e-9
 _MORE = 1.0 + 1e-6
-_SHARE_OF_MARGIN = 0.999  # of limits, for what is between the points that the program looks at
+_SHARE_OF_MARGIN = 0.999  # fraction of the limits used by the program, for excess between its points
 
 
 @dataclass(frozen=True, eq=False)
 class _Rate:
-    """y and its derivatives in tau, shape (K,) each, at the starts of pieces between knots [s], (K + 1,)."""
+    """Rate y and its derivatives in tau at the starts of pieces, shape (K,) each; knots [s], (K + 1,)."""
 
     knots: Array
     value: Array
@@ -65,7 +65,7 @@ class _Rate:
     bend: Array
 
     def at(self, segment: NDArray[np.intp], local: Array) -> tuple[Array, Array, Array]:
-        """Return y, y' [1/s] and y'' [1/s^2], shape (...), at local times [s] on pieces, which broadcast."""
+        """Return y, y' [1/s] and y'' [1/s^2], shape (...), at local times [s] on pieces, broadcast."""
         bend = self.bend[segment]
         slope = self.slope[segment] + local * bend
         return self.value[segment] + local * (self.slope[segment] + local * bend / 2), slope, bend
@@ -79,24 +79,26 @@ def limit_jerk(
     limits: Limits,
     start: tuple[float, float] = (0.0, 0.0),
 ) -> Trajectory:
-    """Return a fast trajectory along a path to rest that keeps jerk limits too.
+    """Return a fast trajectory along a path to rest that keeps jerk limits in addition to all others.
 
     Accelerations are continuous and zero at the end, and at a start at rest.  Positions lie on the path at
-    the knots, and between them, some milliseconds apart, to the accuracy of quintic interpolation.
+    the knots, which are some milliseconds apart, and between the knots to the accuracy of quintic
+    interpolation.
 
     Args:
         pepper: The robot.
         curve: The path.
         fastest: The time-optimal trajectory without jerk limits.
         s: Path parameter at its knots, shape (N + 1,).
-        limits: The limits, those of jerk among them, inf for none.
-        start: ds/dt and d2s/dt2 with which it begins.
+        limits: The limits, including jerk; inf for none.
+        start: Initial ds/dt and d2s/dt2 of the motion.
 
     Returns:
-        The trajectory; see `_within` for where limits hold.
+        The trajectory.  Velocity, acceleration and jerk keep their limits at every instant, the other
+        quantities at knots and multiples of 1 ms.
 
     Raises:
-        InfeasibleError: where no way from the start was found.
+        InfeasibleError: if no motion from the start was found.
     """
     assert limits.jerk is not None
     jerk, velocity, acceleration = (
@@ -124,9 +126,9 @@ def _window(acceleration: Array, jerk: Array, duration: float) -> float:
     """Return the width of the moving average [s].
 
     Args:
-        acceleration: Limits [rad/s^2 or m/s^2], shape (n,).
-        jerk: Limits [rad/s^3 or m/s^3], shape (n,).
-        duration: Of the motion without jerk limits [s].
+        acceleration: Acceleration limits [rad/s^2 or m/s^2], shape (n,).
+        jerk: Jerk limits [rad/s^3 or m/s^3], shape (n,).
+        duration: Duration of the motion without jerk limits [s].
     """
     both = np.isfinite(acceleration) & np.isfinite(jerk)
     build_up = float(np.max(acceleration[both] / jerk[both])) if both.any() else 0.0
@@ -134,7 +136,7 @@ def _window(acceleration: Array, jerk: Array, duration: float) -> float:
 
 
 def _keeps_positions(pepper: PepperModel, trajectory: Trajectory) -> bool:
-    """Whether quintics, which lie on the path at their ends, keep the position limits between these too."""
+    """Whether quintics, whose ends lie on the path, keep the position limits between their ends too."""
     found = extremes_of(trajectory.breaks, trajectory.coefficients)
     outside = np.maximum(found.high - pepper.upper_limits, pepper.lower_limits - found.low)
     return bool(outside.max() <= LIMIT_TOLERANCE)
@@ -143,9 +145,10 @@ def _keeps_positions(pepper: PepperModel, trajectory: Trajectory) -> bool:
 def _trajectory(
     pepper: PepperModel, curve: CubicPath, base: SmoothTime, rate: _Rate, parts: int
 ) -> tuple[Trajectory, Array]:
-    """Return quintics in time through states at the knots of y and instants that cut each piece in parts.
+    """Return quintics in time through states on the path, and the time law at these states.
 
-    And s and its first two derivatives in time there, shape (3, K).
+    The states are at the knots of y and at instants that cut each piece into `parts`.  The time law is s and
+    its first two derivatives in time, shape (3, K).
     """
     step = np.diff(base.knots)
     segment = np.repeat(np.arange(step.size), parts)
@@ -174,18 +177,18 @@ def _from_motion(
     pepper: PepperModel, curve: CubicPath, slow: Trajectory, law: Array, limits: Limits,
     start: tuple[float, float],
 ) -> Trajectory:  # fmt: skip
-    """Return the motion that joins one from rest, or a slower one, in the soonest way that keeps limits.
+    """Return the soonest motion within limits from a moving start that joins a motion from rest.
 
     Args:
         pepper: The robot.
         curve: The path.
         slow: The motion from rest.
-        law: s, ds/dt and d2s/dt2 at its breaks, shape (3, K).
+        law: s, ds/dt and d2s/dt2 at the breaks of the motion from rest, shape (3, K).
         limits: The limits.
-        start: ds/dt and d2s/dt2.
+        start: Initial ds/dt and d2s/dt2.
 
     Raises:
-        InfeasibleError: where there is none.
+        InfeasibleError: if none was found.
     """
     assert limits.jerk is not None
     joins = np.unique(np.linspace(1, slow.breaks.size - 1, _JOINS).astype(int))
@@ -226,7 +229,7 @@ def _quintics(times: Array, start: Array, end: Array) -> Array:
 
 
 def _along(curve: CubicPath, way: Array, local: Array) -> tuple[Array, Array, Array]:
-    """Return positions, velocities and accelerations along a way, shape (6,), at times, shape (T,)."""
+    """Return position, velocity and acceleration at local times [s], (T,), of a quintic s(t), shape (6,)."""
     s, s1, s2 = derivatives_on_segments(way[None, :, None], 0, local, 3)
     inside = np.clip(s[:, 0], curve.breaks[0], curve.breaks[-1])
     piece = np.clip(np.searchsorted(curve.breaks, inside, side="right") - 1, 0, curve.breaks.size - 2)
@@ -235,10 +238,10 @@ def _along(curve: CubicPath, way: Array, local: Array) -> tuple[Array, Array, Ar
 
 
 def _within(pepper: PepperModel, trajectory: Trajectory, limits: Limits) -> Trajectory:
-    """Slow down, where need be, until all limits hold.
+    """Slow a motion down, if necessary, until all limits hold.
 
-    Those of velocity, acceleration and jerk at every instant, the others at the knots and at every multiple
-    of 1 ms.
+    Velocity, acceleration and jerk keep their limits at every instant, the other quantities at the knots and
+    at every multiple of 1 ms.
     """
     trajectory = trajectory.scaled(stretch_at_extremes(trajectory, limits))
     for _ in range(50):

@@ -1,4 +1,4 @@
-"""Keys and handles as cubic pieces of time: of one joint, of all on common knots, and key frames."""
+"""Conversion of keys with handles, and of key frames, to piecewise cubics in time."""
 
 from __future__ import annotations
 
@@ -21,24 +21,24 @@ if TYPE_CHECKING:
     from pepper_kin.trajectory.trajectory import Trajectory
 
 KINDS = ("bezier", "linear", "constant", "auto")
-_CUTS = 64  # pieces of a Bezier segment whose time is no cubic's
+_CUTS = 64  # number of cubics that replace a Bezier segment whose time is not linear in its parameter
 _THIRD = 1.0 / 3.0
 Part = TypeVar("Part")
-_SAME = 1e-9  # [s] knots of two joints that are nearer are one
+_SAME = 1e-9  # distance below which two knots are merged [s]
 Frame: TypeAlias = str | Mapping[str, ArrayLike] | Sequence[float] | NDArray[np.float64]
 """A posture's name, joints and groups with their positions, or the positions of all joints."""
 
 
 @dataclass(frozen=True)
 class Handle:
-    """How a curve leaves or meets a key.
+    """Handle of a key, which shapes the curve on one side of the key.
 
     Attributes:
         kind: "bezier" (the control point is at the key plus (time, value)), "linear" (the control point is
-            the key itself), "constant" (behind the key the value stays until the next key) or "auto" (flat
-            where the key is an extreme, else along its neighbors, without overshooting them).
-        time: Of the control point, from the key [s]; negative before the key, positive behind it.
-        value: Of the control point, from the key [rad].
+            the key itself), "constant" (after the key the value stays until the next key) or "auto" (flat
+            where the key is an extreme, else along the secant of its neighbors, without overshooting them).
+        time: Time of the control point relative to the key [s]; negative before the key, positive after it.
+        value: Value of the control point relative to the key [rad].
     """
 
     kind: str = "auto"
@@ -61,10 +61,10 @@ class Key:
     """A value at a time, with its handles.
 
     Attributes:
-        time: [s].
-        value: [rad].
-        before: The handle on the side of the past.
-        behind: The handle on the side of the future.
+        time: Time of the key [s].
+        value: Joint position [rad].
+        before: Handle on the side of earlier times.
+        behind: Handle on the side of later times.
     """
 
     time: float
@@ -97,17 +97,17 @@ def curve_segments(keys: tuple[Key, ...], start: float, duration: float) -> tupl
 
     With P0, P3 two keys and P1, P2 their control points in the plane of time and value, a segment is
         P(u) = (1-u)^3 P0 + 3 (1-u)^2 u P1 + 3 (1-u) u^2 P2 + u^3 P3.
-    Where both handles are a third of the segment long, time is linear in u and the segment is one cubic in
-    time, exactly.  Else it is cut into 64 cubics that meet its value and slope at their ends.  A handle
+    If both handles are a third of the segment long, time is linear in u and the segment is exactly one cubic
+    in time.  Otherwise it is replaced by 64 cubics that match its value and slope at their ends.  A handle
     longer than its segment is shortened to it.
 
     Args:
-        keys: In order of time.
-        start: Value at time 0 where the first key is later [rad].
-        duration: End, not before the last key; the last value stays until then [s].
+        keys: Keys in order of time.
+        start: Value at time 0, used if the first key is later [rad].
+        duration: End of the curve [s], not before the last key; the last value stays until then.
 
     Returns:
-        breaks [s], shape (m + 1,), and coefficients of powers of (t - break), constant first, shape (m, 4).
+        Breaks [s], shape (m + 1,), and coefficients of powers of (t - break), constant first, shape (m, 4).
     """
     if keys[0].time > 0:
         keys = (Key(0.0, start), *keys)
@@ -143,7 +143,7 @@ def _segment(keys: tuple[Key, ...], i: int) -> tuple[Array, Array]:
 def _control(
     keys: tuple[Key, ...], i: int, handle: Handle, length: float, side: float
 ) -> tuple[float, float]:
-    """Return the control point of a handle, from its key; the side is 1 behind the key and -1 before."""
+    """Return the control point of a handle relative to its key; `side` is 1 after the key, -1 before it."""
     if handle.kind == "auto":
         step = side * length * _THIRD
         return step, step * _auto_slope(keys, i)
@@ -154,7 +154,7 @@ def _control(
 
 
 def _auto_slope(keys: tuple[Key, ...], i: int) -> float:
-    """Return the slope of an automatic handle: that of the neighbors' secant, if neither is overshot."""
+    """Return the slope of an automatic handle: the neighbors' secant, limited so that neither is overshot."""
     if i in (0, len(keys) - 1):
         return 0.0
     before, key, behind = keys[i - 1 : i + 2]
@@ -173,12 +173,12 @@ def _powers(control: Array) -> Array:
 
 
 def _cut(begin: float, x: Array, y: Array) -> tuple[Array, Array]:
-    """Return cubics in time through value and slope of a Bezier segment at many places.
+    """Return cubics in time that match value and slope of a Bezier segment at many points.
 
     Args:
-        begin: Time of its first key [s].
-        x: Times of its control points since then [s], shape (4,).
-        y: Values of its control points [rad], shape (4,).
+        begin: Time of the segment's first key [s].
+        x: Times of the control points since the first key [s], shape (4,).
+        y: Values of the control points [rad], shape (4,).
 
     Returns:
         Times [s], shape (m + 1,), and coefficients, constant first, shape (m, 4).
@@ -195,7 +195,7 @@ def _cut(begin: float, x: Array, y: Array) -> tuple[Array, Array]:
     secant = np.gradient(position, time)
     with np.errstate(divide="ignore", invalid="ignore"):
         slope = rate[1][keep] / rate[0][keep]
-    # Where a handle has no length in time, the slope there is that of the curve's next control point.
+    # If a handle has no length in time, the slope at its key leads to the next control point.
     slope[0] = slope[0] if rate[0][0] > 1e-9 * x[-1] else _limit_slope(x, y, secant[0])
     slope[-1] = slope[-1] if rate[0][-1] > 1e-9 * x[-1] else _limit_slope(x[::-1], y[::-1], secant[-1])
     slope = np.where(np.isfinite(slope), slope, secant)
@@ -209,10 +209,10 @@ def _limit_slope(x: Array, y: Array, otherwise: float) -> float:
     Args:
         x: Times of the control points [s], shape (4,).
         y: Values of the control points [rad], shape (4,).
-        otherwise: Slope where the curve is upright [rad/s].
+        otherwise: Slope to return if the curve is vertical [rad/s].
     """
     if abs(y[1] - y[0]) > 1e-12:
-        return otherwise  # the curve is upright there
+        return otherwise  # the curve is vertical at this key
     return float((y[2] - y[0]) / (x[2] - x[0])) if abs(x[2] - x[0]) > 1e-12 else otherwise
 
 
@@ -231,7 +231,7 @@ class JointCurve:
 
     Attributes:
         joint: Name of the joint.
-        keys: One or more.
+        keys: Keys, one or more.
     """
 
     joint: str
@@ -254,12 +254,12 @@ class JointCurve:
 def on_common_knots(
     pepper: PepperModel, curves: Sequence[JointCurve], rest: Array, duration: float
 ) -> tuple[Array, Array]:
-    """Return knots [s], shape (m + 1,), and coefficients of all joints [rad/s^p], shape (m, 4, n).
+    """Return common knots [s], shape (m + 1,), and coefficients of all joints [rad/s^p], shape (m, 4, n).
 
     Args:
         pepper: The robot.
-        curves: Of some of its joints.
-        rest: Where curves come from, and the other joints stay [rad or m], shape (n,).
+        curves: Curves of some of the robot's joints.
+        rest: Positions at time 0 of curves that begin later, and of joints without a curve [rad or m], (n,).
         duration: Time of the last knot [s].
     """
     segments = {
@@ -277,7 +277,7 @@ def on_common_knots(
 
 
 def _merged(all_breaks: list[Array], duration: float) -> Array:
-    """Return the knots of all joints [s], shape (m + 1,), those nearly equal once, from 0 to the duration."""
+    """Return the knots of all joints from 0 to the duration [s], shape (m + 1,), nearly equal ones merged."""
     knots = np.unique(np.concatenate([[0.0, duration], *all_breaks]))
     keep = np.concatenate([[True], np.diff(knots) > _SAME])
     knots = knots[keep]
@@ -300,7 +300,7 @@ def from_keyframes(
 ) -> Trajectory:
     """Return the trajectory of `Trajectory.from_keyframes`, which describes arguments and errors.
 
-    The trajectory is of a `kind`; a start that is not a posture's name has shape (n,) [rad or m].
+    `kind` is the class of the result; a start that is not a posture's name has shape (n,) [rad or m].
     """
     frames = _in_order(keyframes)
     keys: dict[str, list[Key]] = {name: [] for name in pepper.joint_names}
@@ -333,7 +333,7 @@ def _in_order(keyframes: Any) -> list[tuple[float, Frame]]:
 
 
 def _position(pepper: PepperModel, frame: Any, quantity: str) -> NDArray[np.float64]:
-    """Return the joint vector of a frame; where it does not name a joint, the neutral position."""
+    """Return the joint vector of a frame; joints that it does not name are at their neutral position."""
     if isinstance(frame, str):
         return pepper.posture(frame)
     if isinstance(frame, Mapping) and not frame:

@@ -1,4 +1,4 @@
-"""Limits of a motion, and the torques, edge moments and frame speeds of many states that they look at."""
+"""Limits of a motion, and the torques, edge moments and frame speeds that are compared with them."""
 
 from __future__ import annotations
 
@@ -47,11 +47,11 @@ expressions = lazy_module("pepper_kin.symbolic.balance")
 JerkLike: TypeAlias = str | float | ArrayLike
 
 NAMED = {"gentle": 5.0, "moderate": 10.0, "brisk": 30.0}
-"""Factors on the acceleration limits [1/s]: full acceleration is reached in 0.2, 0.1 and 0.033 s."""
+"""Jerk limits by name, as factors on acceleration limits [1/s]: full acceleration in 0.2, 0.1, 0.033 s."""
 
 
 def share_of(size: Array, limit: Array) -> Array:
-    """Return sizes over limits, shape (..., n): of a limit of zero 0 if that is kept, else inf."""
+    """Return absolute values over limits, shape (..., n); for a limit of zero, 0 if it is kept, else inf."""
     with np.errstate(divide="ignore", invalid="ignore"):
         share = size / limit
     return np.where((limit == 0) & (size == 0), 0.0, share)
@@ -63,16 +63,16 @@ def moving_joints(coefficients: Array) -> NDArray[np.bool_]:
 
 
 def refuse_motionless(pepper: PepperModel, coefficients: Array, acceleration: Array, what: str) -> None:
-    """Refuse a curve that moves joints whose limits of velocity or acceleration are zero.
+    """Refuse a curve that moves joints whose velocity or acceleration limits are zero.
 
     Args:
         pepper: The robot.
-        coefficients: Of the curve, shape (m, k, n).
+        coefficients: Coefficients of the curve, shape (m, k, n).
         acceleration: Acceleration limits [rad/s^2 or m/s^2], shape (n,).
-        what: What there is none of then, such as "trajectory".
+        what: Name of the result that is then infeasible, such as "trajectory".
 
     Raises:
-        InfeasibleError: naming joint and limit.
+        InfeasibleError: for such a joint, naming it and the limit.
     """
     if pepper.velocity_limits.all() and acceleration.all():
         return
@@ -87,19 +87,19 @@ def refuse_motionless(pepper: PepperModel, coefficients: Array, acceleration: Ar
 
 @dataclass(frozen=True, eq=False)
 class Limits:
-    """What a trajectory may use; inf where there is no limit.
+    """Limits of a trajectory; inf where there is no limit.
 
     Attributes:
-        velocity: [rad/s or m/s], shape (n,).
-        acceleration: [rad/s^2 or m/s^2], shape (n,).
-        torque: [N m or N], shape (n,); None to leave torque out.
-        balance: Distance of the zero-moment point from the edges of the support polygon [m]; None to leave
-            balance out.
-        loads: What is carried; it acts on torque and balance.
-        speed: Greatest speeds of frames' origins [m/s].
+        velocity: Velocity limits [rad/s or m/s], shape (n,).
+        acceleration: Acceleration limits [rad/s^2 or m/s^2], shape (n,).
+        torque: Effort limits [N m or N], shape (n,); None to leave torque out.
+        balance: Minimum distance of the zero-moment point from the edges of the support polygon [m]; None to
+            leave balance out.
+        loads: Carried loads; they act on torque and balance.
+        speed: Frames with maximum speeds of their origins [m/s].
         wheels: Limits of the wheels of a planar base; None for other robots.
-        jerk: [rad/s^3 or m/s^3], shape (n,); None to leave jerk out.
-        path_speed: Greatest rate of the path's parameter [1/s].
+        jerk: Jerk limits [rad/s^3 or m/s^3], shape (n,); None to leave jerk out.
+        path_speed: Maximum rate of the path's parameter [1/s].
     """
 
     velocity: Array
@@ -114,15 +114,16 @@ class Limits:
 
 
 class MotionLimits(NamedTuple):
-    """What a motion may use of a robot's limits: the options that `retime` and others take, as one value.
+    """Fractions of a robot's limits that a motion may use, and further limits, independent of the robot.
 
     Attributes:
-        velocity: Share of the velocity limits.
-        acceleration: Share of the acceleration limits.
-        torque: Share of the effort limits; None to leave torque out.
-        balance: See `Limits` [m].
-        loads: What is carried.
-        speeds: Greatest speeds of frames' origins [m/s].
+        velocity: Fraction of the velocity limits.
+        acceleration: Fraction of the acceleration limits.
+        torque: Fraction of the effort limits; None to leave torque out.
+        balance: Minimum distance of the zero-moment point from the edges of the support polygon [m]; None to
+            leave balance out.
+        loads: Carried loads.
+        speeds: Frames with maximum speeds of their origins [m/s].
     """
 
     velocity: float
@@ -133,12 +134,12 @@ class MotionLimits(NamedTuple):
     speeds: AtFrames = ()
 
     def of(self, pepper: PepperModel, acceleration: Array, *, drives: bool) -> Limits:
-        """Return a robot's limits.
+        """Return a robot's limits multiplied by the fractions.
 
         Args:
             pepper: The robot.
-            acceleration: Its acceleration limits [rad/s^2 or m/s^2], shape (n,).
-            drives: Whether the wheels of its base count.
+            acceleration: Acceleration limits [rad/s^2 or m/s^2], shape (n,).
+            drives: Whether the wheels of the robot's base count.
         """
         wheels = wheel_limits(pepper) if drives else None
         return Limits(
@@ -165,14 +166,16 @@ def motion_limits(
     scene: Scene | None = None,
     along: object = None,
 ) -> MotionLimits:
-    """Return what a motion may use, with the options checked that `retime` describes.
+    """Return the limits of a motion from the options of `retime`, which describes them, after checks.
 
-    The loads are the payload and the attached objects of the scene; without a scene, those of a plan that the
-    motion is `along`.  What is "robot" is as the plan was asked for, or else as the robot's requirements are.
+    The loads are the payload and the attached objects of the scene; without a scene, the loads of a plan
+    `along` which the motion goes.  An option "robot" takes the value with which the plan was made, or else
+    the robot's requirement.
 
     Raises:
-        InvalidValueError: for a share that is not in (0, 1]; a balance that is no distance, or of a robot
-            without wheels; a speed or mass that is not a finite number above 0; or a scene that is none.
+        InvalidValueError: for a scale that is not in (0, 1]; a balance that is not a distance, or is given
+            for a robot without wheels; a speed or mass that is not a finite number above 0; or a scene of
+            another type.
         UnknownNameError: for a frame that the robot lacks.
     """
     loads = loads_of(pepper, scene, payload)
@@ -194,17 +197,17 @@ def motion_limits(
 
 
 def jerk_limits(pepper: PepperModel, jerk: JerkLike, acceleration: Array | None = None) -> Array:
-    """Return the limit of each joint [rad/s^3 or m/s^3], shape (n,).
+    """Return the jerk limit of each joint [rad/s^3 or m/s^3], shape (n,).
 
     Args:
         pepper: The robot.
         jerk: A name of `NAMED`; a factor on the acceleration limits [1/s]; or limits, shape (n,), of which
             infinite ones do not act.
-        acceleration: The acceleration limits, shape (n,); None for the robot's.
+        acceleration: Acceleration limits [rad/s^2 or m/s^2], shape (n,); None for the robot's.
 
     Raises:
-        UnknownNameError: listing the names.
-        InvalidValueError: for what is not above zero, or has another shape.
+        UnknownNameError: for an unknown name; the message lists the known ones.
+        InvalidValueError: for a number that is not above zero, or another shape.
     """
     if isinstance(jerk, str):
         if jerk not in NAMED:
@@ -222,7 +225,7 @@ def jerk_limits(pepper: PepperModel, jerk: JerkLike, acceleration: Array | None 
 
 
 def wheel_speeds(pepper: PepperModel) -> AtFrames:
-    """Return the greatest speeds of a differential base's wheels; nothing for other robots [m/s]."""
+    """Return the maximum wheel speeds of a differential base, by frame [m/s]; empty for other robots."""
     wheels = pepper.wheels
     return () if wheels is None or not wheels.differential else tuple((f, wheels.speed) for f in WHEEL_FRAMES)
 
@@ -235,22 +238,23 @@ def _moment_of_wrench(pepper: PepperModel, margin: float) -> Array:
 
 @kept_for_robot(most=32)
 def _torques_and_wrench(pepper: PepperModel) -> Kernel:
-    """Return the kernel of both, which takes hardly longer than that of one of them."""
+    """Return a kernel of joint torques and the base wrench, hardly slower than either one alone."""
     sources = source_digest("pepper_kin.symbolic", "pepper_kin.model")
     key = f"torques and wrench of {robot_digest(pepper)} by {sources}"
     return compile_function(lambda: expressions.torques_and_wrench(pepper), key=key)
 
 
 class LimitedQuantities:
-    """What limits besides those of joint velocity and acceleration look at.
+    """Evaluation of all limited quantities other than joint velocity and acceleration.
 
     States are arrays of finite numbers, shape (T, n).
 
     Attributes:
-        torque_limit: Of the joints, none where torque is not limited, and then of the accelerations of the
-            k wheels of a planar base, which are as linear as torques; shape (n or 0, + k or 0).
-        edges: Number of edges of the support polygon, or 0 where balance is not limited.
-        frames: Number of speeds that are limited: of frames, then of wheels and base.
+        torque_limit: Effort limits of the joints, left out if torque is not limited; then acceleration limits
+            of the k wheels of a planar base, which are linear in accelerations as torques are; shape (n or 0,
+            + k or 0).
+        edges: Number of edges of the support polygon, or 0 if balance is not limited.
+        frames: Number of limited speeds: of frames, then of wheels and base.
     """
 
     def __init__(self, pepper: PepperModel, limits: Limits) -> None:
@@ -271,7 +275,7 @@ class LimitedQuantities:
 
     @property
     def torque_kernel(self) -> TorqueKernel:
-        """The torques without a load for compiled functions; without limits of torque one of no use."""
+        """Kernel of torques without a load, for compiled functions; a dummy if torque is not limited."""
         found: TorqueKernel | None = getattr(self._local, "kernel", None)
         if found is None:
             address, work = 0, 0
@@ -284,7 +288,7 @@ class LimitedQuantities:
 
     @property
     def effect_kernel(self) -> EffectKernel | None:
-        """Torques and edge moments for compiled functions; None where loads, wheels or a base add to them."""
+        """Kernel of torques and edge moments for compiled code; None with loads, wheels or a moving base."""
         limits, edges = self._limits, self._moment_of_wrench
         if limits.loads or limits.wheels is not None or (self.edges and edges is None):
             return None
@@ -301,7 +305,7 @@ class LimitedQuantities:
         return found
 
     def of(self, q: Array, v: Array, a: Array) -> StateEffects:
-        """Return all of them; arguments have shape (T, n)."""
+        """Return torques, edge moments and speeds of states q, v, a, shape (T, n) each."""
         return StateEffects(self.torque(q, v, a), self.moments(q, v, a), self.speed(q, v))
 
     def forces(self, q: Array, v: Array, a: Array) -> Array:
@@ -343,7 +347,7 @@ class LimitedQuantities:
         return found
 
     def speed(self, q: Array, v: Array) -> Array:
-        """Return speeds of frames, wheels and base over their limits, shape (T, frames)."""
+        """Return speeds of frames, wheels and base divided by their limits, shape (T, frames)."""
         shares = np.empty((len(q), self.frames))
         for k, (frame, limit) in enumerate(self._limits.speed):
             velocity = (
@@ -359,7 +363,7 @@ class LimitedQuantities:
 
 @kept_for_robot(most=32)
 def quantities_of(pepper: PepperModel, limits: Limits) -> LimitedQuantities:
-    """Return what limits look at, made once for each."""
+    """Return the limited quantities of a robot, reused for equal limits."""
     return LimitedQuantities(pepper, limits)
 
 

@@ -1,4 +1,4 @@
-"""Plots of motions over time, in units and with limits: one motion, or several beside each other."""
+"""Plots of motions over time, in units and with limits: one motion, or several together."""
 
 from __future__ import annotations
 
@@ -30,25 +30,25 @@ if TYPE_CHECKING:
     from pepper_kin.collision import Scene
 
 QUANTITIES = ("position", "velocity", "acceleration", "torque", "error")
-"""What can be drawn; "error" is the position less the reference of a run."""
+"""Quantities that can be drawn; "error" is the position of a run minus its reference."""
 
 MOST_ROWS = 6
-"""Joints that are drawn where none are named: those that move most."""
+"""Number of joints drawn if none are named: the joints that move most."""
 
 _STEP, _POINTS = 0.002, 4000
-_NEAR = 0.5  # share of a limit from which on its line is drawn
+_NEAR = 0.5  # fraction of a limit above which the limit's line is drawn
 
 
 class PlottedRun(Protocol):
-    """What plots read of a run of the twin; arrays have shape (T,) or (T, n).
+    """Data of a run of the twin that plots read; arrays have shape (T,) or (T, n).
 
     Attributes:
         joint_names: Order of the columns.
-        time: [s].
-        position: [rad or m].
-        velocity: [rad/s or m/s].
-        torque: [N m or N].
-        reference_position: [rad or m].
+        time: Sample times [s].
+        position: Joint positions [rad or m].
+        velocity: Joint velocities [rad/s or m/s].
+        torque: Joint torques [N m or N].
+        reference_position: Reference positions of the servos [rad or m].
     """
 
     @property
@@ -73,7 +73,7 @@ class PlottedRun(Protocol):
 
     @property
     def reference_position(self) -> Array:
-        """What the servos were to follow."""
+        """Reference positions of the servos."""
 
 
 Plottable: TypeAlias = Trajectory | PlottedRun
@@ -101,27 +101,29 @@ def plot_motions(
 ) -> Any:
     """Draw joints over time, in their units and with the robot's limits, of one motion or of several.
 
-    A row for each joint, a column for each quantity.  Dashed red lines are limits; where a motion stays far
-    from one, it is written above the plot instead.  A run that is drawn alone has its reference beside it,
-    dashed and gray.  `plot` draws a trajectory as shares of limits, for all joints at once.
+    A row for each joint, a column for each quantity.  Dashed red lines are limits; a limit far from the
+    motion is only written above the plot.  A run that is drawn alone is shown with its reference, dashed and
+    gray.  `plot` draws a trajectory as fractions of limits, for all joints at once.
 
     Args:
         pepper: The robot.
-        motions: A trajectory or a run of the twin, or several by the name that the legend has.
+        motions: A trajectory or a run of the twin, or several by their names in the legend.
         path: File to write, .png, .pdf or .svg; nothing is written if omitted.
         joints: Joints to draw, names of joints and groups; the six that move most if omitted.
         quantities: Names of `QUANTITIES`; position, velocity and torque if omitted.
         title: Heading; none if omitted.
-        width: Of the picture [inch]; 7.1 is that of a page of two columns, 3.5 of one column.
-        scene: As in `plot`, for the torques of trajectories; a run has its own.
-        payload: As in `plot`.
+        width: Width of the picture [inch]; 7.1 fits a page of two columns, 3.5 one column.
+        scene: The scene whose attached objects count in the torques of trajectories; a run has its own
+            torques.
+        payload: Point masses held at "left", "right" or a frame by name [kg], for the torques of
+            trajectories.
 
     Returns:
         The figure of matplotlib, which shows itself in a notebook.
 
     Raises:
-        InvalidValueError: for no motion, one of other joints or none at all; for the acceleration of a run,
-            which it has not, or the error of a trajectory.
+        InvalidValueError: for no motion, another type, or a motion of other joints; for the acceleration of a
+            run, or the error of a trajectory, which do not exist.
         UnknownNameError: for an unknown joint, group, quantity, frame or suffix.
         MissingDependencyError: where matplotlib is not installed.
         FileFormatError: where the file cannot be written.
@@ -164,14 +166,14 @@ def plot_motions(
 def _lines(
     pepper: PepperModel, label: str, motion: Plottable, quantities: Sequence[str], loads: Loads
 ) -> _Lines:
-    """Return what is drawn of a motion.
+    """Return the curves of a motion.
 
     Args:
         pepper: The robot.
         label: The motion's name.
-        motion: A trajectory, a run.
-        quantities: Which are drawn.
-        loads: What trajectories carry.
+        motion: A trajectory or a run.
+        quantities: Names of the quantities to draw.
+        loads: Loads that trajectories carry.
     """
     of = f" {label!r}" if label else ""
     if isinstance(motion, Trajectory):
@@ -199,7 +201,7 @@ def _lines(
 
 
 def _rows(pepper: PepperModel, lines: Sequence[_Lines], joints: str | Sequence[str] | None) -> list[int]:
-    """Return the joints to draw, or the six that move most of those that move, in the robot's order."""
+    """Return indices of the joints to draw; if none are named, of the six that move most, in order."""
     if joints is not None:
         return joints_to_draw(pepper, lines[0].values["position"], joints)
     way = np.max([np.ptp(line.values["position"], axis=0) for line in lines], axis=0)
@@ -215,9 +217,9 @@ def _draw(
         value = line.values[quantity][:, j]
         most = max(most, float(np.abs(value).max()))
         color, style = line_style(number)
-        # A name that begins so would be left out of the legend.
+        # matplotlib leaves a name with a leading underscore out of the legend.
         name = plain_words(label).replace("_", " ", 1) if label.startswith("_") else plain_words(label)
-        wide = max(1.0, 2.0 - 0.5 * number)  # so that what lies under another is seen
+        wide = max(1.0, 2.0 - 0.5 * number)  # so that a line under another one is seen
         axes.plot(line.time, value, color=color, linestyle=style, linewidth=wide, label=name or None)
         if quantity == "position" and len(lines) == 1 and "reference" in line.values:
             reference = line.values["reference"][:, j]
@@ -232,14 +234,14 @@ def _draw(
 
 
 def _draw_limits(axes: Any, pepper: PepperModel, quantity: str, j: int, most: float) -> None:
-    """Draw the limits of a joint that a motion comes near to, and write the others above.
+    """Draw the limits of a joint that a motion comes near to, and write all limits above the plot.
 
     Args:
-        axes: Where.
+        axes: The axes to draw into.
         pepper: The robot.
-        quantity: What is drawn; errors have no limit.
-        j: The joint.
-        most: Greatest absolute value.
+        quantity: Name of the quantity; errors have no limit.
+        j: Index of the joint.
+        most: Maximum absolute value of the motion.
     """
     if quantity == "error":
         return

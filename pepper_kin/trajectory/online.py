@@ -1,4 +1,4 @@
-"""Motion from one state to another that starts where the robot is and can get a new target on the way."""
+"""Online motion from the current state to a target that may be replaced while the robot moves."""
 
 from __future__ import annotations
 
@@ -24,39 +24,39 @@ from pepper_kin.trajectory.trajectory import Trajectory
 _SAME_TIME = 1e-12  # [s]
 _END = 1e-9  # [s]
 _TINY = 1e-9
-_TRIALS = 40  # with smaller limits of a base on wheels
+_TRIALS = 40  # maximum number of trials with smaller limits of a base on wheels
 _MORE = 1.02
-_WHEEL_STEP = 0.002  # [s] between states at which wheels are looked at
+_WHEEL_STEP = 0.002  # time between states at which wheels are examined [s]
 
 
 class OnlineMotion:
     """Jerk-limited motion to a target that may be replaced at any time; all joints arrive together.
 
-    The motion is time-optimal from state to state within limits on velocity, acceleration and jerk, each
-    joint for itself and then slowed to the slowest (`pepper_kin.trajectory.splice`).  It knows
-    no obstacles, torques or balance; positions between start and target may leave their limits where the
-    robot is already too fast to stop, which `set_target` refuses.  The wheels of a planar base keep their
-    limits: where the motion would turn or speed them up too much, the base's joints are given smaller ones,
-    until it does not.
+    The motion is time-optimal from state to state within limits on velocity, acceleration and jerk: each
+    joint is planned by itself and then slowed to the slowest (`pepper_kin.trajectory.splice`).  Obstacles,
+    torques and balance are ignored.  Positions between start and target could leave their limits if the robot
+    is already too fast to stop; `set_target` refuses such a target.  The wheels of a planar base keep their
+    limits: if they would be exceeded, the motion is planned again with smaller limits of the base's joints.
 
     Attributes:
         pepper: The robot.
-        time: Time since the motion was made [s].
+        time: Time since the motion was created [s].
 
     Args:
         pepper: The robot.
-        q: Position to start from [rad or m], shape (n,).
-        v: Velocity [rad/s or m/s], shape (n,), or 0.
-        a: Acceleration [rad/s^2 or m/s^2], shape (n,), or 0.
-        jerk: Jerk limits, as in `retime`.
-        velocity_scale: Share of the velocity limits to use, in (0, 1].
-        acceleration_scale: Share of the acceleration limits to use, in (0, 1].
+        q: Initial position [rad or m], shape (n,).
+        v: Initial velocity [rad/s or m/s], shape (n,), or 0.
+        a: Initial acceleration [rad/s^2 or m/s^2], shape (n,), or 0.
+        jerk: Jerk limits: "gentle", "moderate" or "brisk", a factor on the acceleration limits [1/s], or
+            limits [rad/s^3 or m/s^3], shape (n,).
+        velocity_scale: Fraction of the velocity limits to use, in (0, 1].
+        acceleration_scale: Fraction of the acceleration limits to use, in (0, 1].
 
     Raises:
-        InvalidValueError: for a wrong shape, NaN, a share out of range, or a joint without velocity or
+        InvalidValueError: for a wrong shape, NaN, a scale out of range, or a joint without velocity or
             acceleration limit.
-        LimitError: where q is outside the position limits, or v or a beyond those that are used.
-        MissingDependencyError: where `ruckig` is not installed.
+        LimitError: if q is outside the position limits, or v or a beyond the scaled limits.
+        MissingDependencyError: if `ruckig` is not installed.
     """
 
     def __init__(
@@ -92,7 +92,7 @@ class OnlineMotion:
         self._wheels = None if wheels is None else wheels.scaled(velocity_scale, acceleration_scale)
         self._refuse_wheels(state)
         self.time = 0.0
-        self._segments: list[tuple[float, Array]] = []  # start of each piece and its cubic, shape (4, n)
+        self._segments: list[tuple[float, Array]] = []  # start [s] and cubic, shape (4, n), of each piece
         self._plan = _standing(state)
         self._begun = 0.0
         self._target = state.position
@@ -104,12 +104,12 @@ class OnlineMotion:
 
     @property
     def state(self) -> State:
-        """Position, velocity and acceleration now, shape (n,) each, read-only."""
+        """Current position, velocity and acceleration, shape (n,) each, read-only."""
         return State(*(read_only(part) for part in _at(self._plan, self.time - self._begun)))
 
     @property
     def target(self) -> Array:
-        """The position that it moves to [rad or m], shape (n,), read-only."""
+        """Position of the target [rad or m], shape (n,), read-only."""
         return read_only(self._target)
 
     @property
@@ -123,20 +123,21 @@ class OnlineMotion:
         return self.remaining <= _END
 
     def set_target(self, q_target: ArrayLike, v_target: ArrayLike = 0.0) -> float:
-        """Move to another target from the state of now, without a jump of position, velocity or acceleration.
+        """Move to another target from the current state, without jumps of position, velocity or acceleration.
 
         Args:
-            q_target: Position [rad or m], shape (n,).
-            v_target: Velocity to arrive with [rad/s or m/s], shape (n,), or 0; after arriving the motion goes
-                on with it.
+            q_target: Position of the target [rad or m], shape (n,).
+            v_target: Velocity at the target [rad/s or m/s], shape (n,), or 0; the motion continues with it
+                after arrival.
 
         Returns:
-            The time that it will take [s].
+            The duration of the motion to the target [s].
 
         Raises:
             InvalidValueError: for a wrong shape or NaN.
             LimitError: for a target outside the limits of position or velocity.
-            InfeasibleError: where joints cannot stay within their position limits on the way.
+            InfeasibleError: if joints cannot stay within their position limits, or wheels within theirs, on
+                the way.
         """
         position = _vector(self.pepper, q_target, "q_target")
         velocity = _vector(self.pepper, v_target, "v_target")
@@ -146,19 +147,19 @@ class OnlineMotion:
         return self._set(now, position, velocity)
 
     def step(self, dt: float) -> State:
-        """Let time pass, and return position, velocity and acceleration then, shape (n,) each, read-only.
+        """Advance the time, and return position, velocity and acceleration, shape (n,) each, read-only.
 
         Args:
-            dt: Time [s], above zero.
+            dt: Time step [s], above zero.
         """
         self.time += check_positive("dt", dt, "s")
         return self.state
 
     def to_trajectory(self) -> Trajectory:
-        """Return all that was moved so far and what is still to come, as exact cubics in time.
+        """Return the past and the planned motion as one trajectory of exact cubics in time.
 
         Raises:
-            InvalidValueError: where there was no motion and none is to come.
+            InvalidValueError: if its duration is zero.
         """
         segments = [*self._segments, *self._cut(self._plan, self._begun, np.inf)]
         end = max(self.time, self._begun + float(self._plan[0][-1]))
@@ -169,7 +170,7 @@ class OnlineMotion:
         return Trajectory(self.pepper.joint_names, breaks, table, self.pepper.joint_units)
 
     def _set(self, now: State, position: Array, velocity: Array) -> float:
-        """Plan a motion to a position [rad or m] and velocity, shape (n,) each; return its time [s]."""
+        """Plan a motion to a position [rad or m] and velocity, shape (n,) each; return its duration [s]."""
         plan = self._within_wheels(now, position, velocity)
         self._refuse_outside(plan)
         self._segments += self._cut(self._plan, self._begun, self.time)
@@ -177,10 +178,10 @@ class OnlineMotion:
         return float(plan[0][-1])
 
     def _within_wheels(self, now: State, position: Array, velocity: Array) -> tuple[Array, Array]:
-        """Return a motion to a target, shape (n,) each, on which the wheels keep their limits; see `_solve`.
+        """Return a plan to a target position and velocity, shape (n,) each, within the wheels' limits.
 
         Raises:
-            InfeasibleError: where smaller limits of the base's joints do not help, naming the wheel.
+            InfeasibleError: if smaller limits of the base's joints do not help, naming the wheel.
         """
         plan = self._solve(now, position, velocity, self._limits)
         if self._wheels is None:
@@ -202,7 +203,7 @@ class OnlineMotion:
         )
 
     def _wheel_use(self, plan: tuple[Array, Array]) -> tuple[float, str]:
-        """Return the greatest share of a limit that wheels and base use on the way, and which limit it is.
+        """Return the largest fraction of a limit that wheels and base use on the way, and the limit's name.
 
         Args:
             plan: Breaks [s], shape (m + 1,), and cubics, shape (m + 1, 4, n).
@@ -231,7 +232,7 @@ class OnlineMotion:
         return float(uses.max()), names[int(np.argmax(uses))]
 
     def _refuse_wheels(self, state: State) -> None:
-        """Refuse a state to start from that is too fast for the wheels."""
+        """Refuse an initial state that is too fast for the wheels."""
         if self._wheels is None:
             return
         share = self._wheels.shares(state.position[None], state.velocity[None])[0]
@@ -246,16 +247,16 @@ class OnlineMotion:
     def _solve(
         self, now: State, position: Array, velocity: Array, limits: tuple[Array, ...]
     ) -> tuple[Array, Array]:
-        """Return the motion to a target.
+        """Return the plan to a target.
 
         Args:
-            now: State to start from, shape (n,) each.
-            position: Of the target [rad or m], shape (n,).
-            velocity: Of the target [rad/s or m/s], shape (n,).
-            limits: Of velocity, acceleration and jerk, shape (n,) each.
+            now: Initial state, shape (n,) each.
+            position: Position of the target [rad or m], shape (n,).
+            velocity: Velocity of the target [rad/s or m/s], shape (n,).
+            limits: Limits of velocity, acceleration and jerk, shape (n,) each.
 
         Returns:
-            Breaks [s], shape (m + 1,), and cubics, shape (m + 1, 4, n), the last of which goes on for ever.
+            Breaks [s], shape (m + 1,), and cubics, shape (m + 1, 4, n); the last one has no end.
         """
         still = np.zeros_like(position)
         breaks, cubics = steer_with_jerk(now, State(position, velocity, still), limits)
@@ -263,7 +264,7 @@ class OnlineMotion:
         return breaks, np.concatenate([cubics, on[None]])
 
     def _refuse_outside(self, plan: tuple[Array, Array]) -> None:
-        """Refuse a motion that leaves the position limits by more than where it is now.
+        """Refuse a plan that leaves the position limits.
 
         Args:
             plan: Breaks [s], shape (m + 1,), and cubics, shape (m + 1, 4, n).
@@ -299,7 +300,7 @@ class OnlineMotion:
 
 
 def _finite_limits(pepper: PepperModel, name: str, limit: Array) -> Array:
-    """Return a copy of limits, shape (n,), all of which have to be finite."""
+    """Return a copy of limits, shape (n,); refuse infinite ones."""
     if not np.isfinite(limit).all():
         joint = pepper.joint_names[int(np.argmin(np.isfinite(limit)))]
         raise InvalidValueError(f"{name} limit of {joint}", "none", "a finite limit for online motion")
@@ -307,14 +308,14 @@ def _finite_limits(pepper: PepperModel, name: str, limit: Array) -> Array:
 
 
 def _vector(pepper: PepperModel, value: ArrayLike, quantity: str) -> Array:
-    """Return a joint vector, shape (n,), from one of this shape or one number for all joints."""
+    """Return a joint vector, shape (n,), from a joint vector or one number for all joints."""
     if not isinstance(value, list | tuple | np.ndarray) or (isinstance(value, np.ndarray) and not value.ndim):
         value = np.full(pepper.n, as_finite(value, quantity, ()))
     return np.array(as_joint_vector(pepper, value, quantity))
 
 
 def _check_symmetric(pepper: PepperModel, quantity: str, value: Array, limit: Array) -> None:
-    """Refuse a value beyond limits on its size, in the same unit, shape (n,) each."""
+    """Refuse a value whose absolute value exceeds limits in the same unit, shape (n,) each."""
     over = np.abs(value) - limit
     if over.max() > _TINY:
         j = int(np.argmax(over))
@@ -329,11 +330,11 @@ def _standing(state: State) -> tuple[Array, Array]:
 
 
 def _stopping_point(state: State, limits: tuple[Array, ...]) -> Array:
-    """Return about where the robot stops when it brakes at half its acceleration limit.
+    """Return the approximate position where the robot stops if it brakes at half its acceleration limit.
 
     Args:
-        state: State to stop from, shape (n,) each.
-        limits: Of velocity, acceleration and jerk, shape (n,) each.
+        state: Initial state, shape (n,) each.
+        limits: Limits of velocity, acceleration and jerk, shape (n,) each.
 
     Returns:
         Position [rad or m], shape (n,).

@@ -16,14 +16,14 @@ from pepper_kin.exceptions import InfeasibleError, InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_within_limits
 
-SAME = 1e-9  # [rad or m] way-points no further apart than this are one
-LIMIT_TOLERANCE = 1e-9  # [rad or m]
-_ALONG = 1e-6  # of a velocity, across the path
+SAME = 1e-9  # distance up to which two way-points are equal [rad or m]
+LIMIT_TOLERANCE = 1e-9  # violation of position limits that is attributed to rounding [rad or m]
+_ALONG = 1e-6  # maximum component across the path, relative to the velocity
 
 
 @runtime_checkable
 class PlannedPath(Protocol):
-    """What planning returns, such as `pepper_kin.motion.Plan`: a curve, or none and the reason."""
+    """Result of planning, such as `pepper_kin.motion.Plan`: a curve, or None and the reason."""
 
     @property
     def success(self) -> bool:
@@ -31,15 +31,15 @@ class PlannedPath(Protocol):
 
     @property
     def curve(self) -> PiecewiseCubic | None:
-        """The curve that was examined; None where there is none, or nowhere to go."""
+        """The curve that was checked; None if there is none, or if the start equals the goal."""
 
     @property
     def message(self) -> str:
-        """What happened, in a sentence."""
+        """Result of planning, as a sentence."""
 
     @property
     def advice(self) -> str:
-        """What to try, in a sentence."""
+        """Advice on what to try, as a sentence."""
 
 
 _ALLOWED = (
@@ -55,8 +55,8 @@ class CubicPath(FrozenArrays):
     """A continuous piecewise cubic curve of joint positions; arrays are read-only.
 
     Attributes:
-        breaks: Ends of the pieces, rising, shape (m + 1,).
-        coefficients: Constant term first, shape (m, 4, n).
+        breaks: Ends of the pieces, increasing, shape (m + 1,).
+        coefficients: Coefficients, constant term first, shape (m, 4, n).
     """
 
     breaks: Array
@@ -89,22 +89,22 @@ class CubicPath(FrozenArrays):
             )
 
     def at(self, segment: ArrayLike, local: ArrayLike, derivative: int = 0) -> Array:
-        """Return a derivative of q with respect to s on chosen pieces.
+        """Return a derivative of q with respect to s on given pieces.
 
         Args:
             segment: Indices of pieces, shape (...).
-            local: s minus the piece's first break, shape (...).
-            derivative: 0 to 3.
+            local: Value of s minus the piece's first break, shape (...).
+            derivative: Order of the derivative, 0 to 3.
 
         Returns:
-            Shape (..., n).
+            Derivatives, shape (..., n).
         """
         return np.asarray(
             derivatives_on_segments(self.coefficients, segment, local, derivative + 1)[derivative]
         )
 
     def extremes(self) -> Array:
-        """Return all positions where a joint may be extreme, ends of pieces and dq/ds = 0, shape (k, n)."""
+        """Return all positions where a joint may be extreme: ends of pieces, and dq/ds = 0, shape (k, n)."""
         h = np.diff(self.breaks)
         segment, _, local = turning_points(h, self.coefficients)
         last = self.at(np.array([h.size - 1]), h[-1:])
@@ -112,14 +112,14 @@ class CubicPath(FrozenArrays):
 
 
 def turning_points(step: Array, coefficients: Array) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
-    """Return where cubic pieces have dq/dt = 0 in their inside.
+    """Return where cubic pieces have dq/dt = 0 in their interior.
 
     Args:
         step: Lengths of the pieces, shape (m,).
-        coefficients: Constant term first, shape (m, 4, n).
+        coefficients: Coefficients, constant term first, shape (m, 4, n).
 
     Returns:
-        Piece and joint, shape (k,), and the parameter since the piece's start, shape (k,).
+        Indices of piece and joint, and the parameter since the piece's start, shape (k,) each.
     """
     a, b, c = (coefficients[:, p] * f for p, f in ((3, 3.0), (2, 2.0), (1, 1.0)))
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -135,33 +135,33 @@ def turning_points(step: Array, coefficients: Array) -> tuple[NDArray[np.int64],
 def as_cubic_path(
     pepper: PepperModel, path: PathLike, begin: tuple[Array, Array | None] | None = None
 ) -> CubicPath:
-    """Turn way-points, a piecewise cubic curve or a plan into a `CubicPath` within the position limits.
+    """Return way-points, a piecewise cubic curve or a plan as a `CubicPath` within the position limits.
 
     Way-points are joined by a cubic spline with continuous second derivative over the chord length, with unit
-    speed along the first and the last chord.  Between way-points it leaves the polyline (two way-points give
-    the straight line): where that matters, give a curve that was checked, such as
-    `pepper_kin.planners.smooth` makes.  A joint that the spline would carry out of its limits although
-    all way-points are inside follows a monotone cubic spline instead (`_monotone`), which has no overshoot
-    and passes way-points with zero second derivative.
+    speed along the first and the last chord.  Between way-points the spline leaves the polyline (two
+    way-points give the straight line); if that matters, give a curve that was checked, such as
+    `pepper_kin.planners.smooth` returns.  A joint that the spline would move out of its limits although all
+    way-points are inside follows a monotone cubic spline instead (`_monotone`), which has no overshoot and
+    passes way-points with zero second derivative.
 
-    Along the spline of a `begin` a robot in motion can go on: it begins in the direction of the velocity, or
-    of the acceleration from rest.  With both, its second derivative there is such that
-    q' d2s/dt2 + q'' (ds/dt)^2 is the acceleration; another knot in the first interval makes that possible.
+    With `begin`, a robot in motion can follow the spline: it starts in the direction of the velocity or, from
+    rest, of the acceleration.  With both, its second derivative at the start is such that q' d2s/dt2 + q''
+    (ds/dt)^2 is the acceleration; an additional knot in the first interval makes that possible.
 
     Args:
         pepper: The robot.
         path: Way-points [rad or m], shape (k, n), k >= 2; an object with `breaks` and `coefficients` as
-            in `PiecewiseCubic`; or a plan, of which the curve is taken.
-        begin: Velocity [rad/s or m/s] and acceleration [rad/s^2 or m/s^2] with which way-points are left,
-            shape (n,) each, one of them not zero; None for no acceleration, or for neither.
+            in `PiecewiseCubic`; or a plan, whose curve is used.
+        begin: Initial velocity [rad/s or m/s] and acceleration [rad/s^2 or m/s^2] for way-points, shape (n,)
+            each, at least one of them not zero; None for no acceleration, or for neither.
 
     Returns:
         The path.
 
     Raises:
-        InvalidValueError: for one way-point, two successive ones that are the same, a start that equals the
-            goal, NaN, or a wrong shape.
-        LimitError: where the path leaves the position limits, naming the joint.
+        InvalidValueError: for one way-point, equal successive way-points, a start that equals the goal, NaN,
+            or a wrong shape.
+        LimitError: if the path leaves the position limits, naming the joint.
         InfeasibleError: for a plan that failed, with its reason.
     """
     if type(path) not in (np.ndarray, list, CubicPath) and is_plan(path):
@@ -198,11 +198,11 @@ def start_rates(curve: CubicPath, velocity: Array, acceleration: Array | None) -
 
     Args:
         curve: The path.
-        velocity: At the start [rad/s or m/s], shape (n,).
-        acceleration: At the start [rad/s^2 or m/s^2], shape (n,); None for d2s/dt2 = 0.
+        velocity: Velocity at the start [rad/s or m/s], shape (n,).
+        acceleration: Acceleration at the start [rad/s^2 or m/s^2], shape (n,); None for d2s/dt2 = 0.
 
     Raises:
-        InvalidValueError: for a curve that begins in another direction, or bends otherwise.
+        InvalidValueError: for a curve with another initial direction or curvature.
     """
     tangent, bend = curve.coefficients[0, 1], 2.0 * curve.coefficients[0, 2]
     square = max(float(tangent @ tangent), 1e-300)
@@ -222,9 +222,9 @@ def start_rates(curve: CubicPath, velocity: Array, acceleration: Array | None) -
 
 
 def _begun_spline(points: Array, velocity: Array, acceleration: Array | None) -> CubicPath:
-    """Return the spline of `as_cubic_path` through points, shape (k, n), that begins so, shape (n,) each.
+    """Return the spline through points, shape (k, n), with a given initial velocity and acceleration, (n,).
 
-    The second derivative at its start is linear in the point at another knot.
+    The additional knot's point follows from the second derivative at the start, which is linear in it.
     """
     from scipy.interpolate import CubicSpline
 
@@ -248,7 +248,7 @@ def _begun_spline(points: Array, velocity: Array, acceleration: Array | None) ->
 
 
 def is_plan(path: object) -> bool:
-    """Whether something is a `PlannedPath` by its attributes; to ask the protocol takes far longer."""
+    """Whether an object has the attributes of a `PlannedPath`; isinstance with the protocol is far slower."""
     return all(hasattr(path, name) for name in ("success", "curve", "message", "advice"))
 
 
@@ -256,8 +256,8 @@ def planned_curve(plan: PlannedPath) -> PiecewiseCubic:
     """Return a plan's curve.
 
     Raises:
-        InfeasibleError: with the plan's reason, where planning failed.
-        InvalidValueError: for a plan that leads nowhere, or that is a motion already.
+        InfeasibleError: if planning failed, with the plan's reason.
+        InvalidValueError: for a plan whose start equals its goal, or that is a trajectory already.
     """
     if not plan.success:
         raise _failed(plan)
@@ -269,7 +269,7 @@ def planned_curve(plan: PlannedPath) -> PiecewiseCubic:
 
 
 def _failed(plan: PlannedPath) -> InfeasibleError:
-    """Return the error of a plan, or of another result, that failed, with its reason."""
+    """Return the error for a failed plan or other result, with its reason."""
     return InfeasibleError("trajectory", f"planning failed: {plan.message.rstrip('.')}", plan.advice)
 
 
@@ -284,7 +284,7 @@ def _checked(pepper: PepperModel, curve: CubicPath) -> CubicPath:
 
 
 def _quick_spline(pepper: PepperModel, path: Any) -> CubicPath | None:
-    """Return the spline through way-points; None where there is something to say about them."""
+    """Return the spline through way-points; None if they need closer checks or violate limits."""
     try:
         points = np.asarray(path)
         if (
@@ -304,18 +304,18 @@ def _quick_spline(pepper: PepperModel, path: Any) -> CubicPath | None:
 
 
 _known_within: WeakKeyDictionary[CubicPath, PepperModel] = WeakKeyDictionary()
-"""Paths of which it is known that they keep a robot's position limits, and lead somewhere."""
+"""Path -> robot whose position limits it is known to keep, with start and goal that differ."""
 
 
 def known_path(pepper: PepperModel, breaks: Array, coefficients: Array) -> CubicPath:
-    """Return the path of new arrays that are known to be right, without copies and checks.
+    """Return the path of new arrays that are known to be valid, without copies and checks.
 
-    It is known as well to keep the robot's position limits, so that nobody looks again.
+    The path is also known to keep the robot's position limits, so that they are not checked again.
 
     Args:
         pepper: The robot.
-        breaks: Ends of the pieces, rising, shape (m + 1,).
-        coefficients: Constant term first [rad or m], shape (m, 4, n).
+        breaks: Ends of the pieces, increasing, shape (m + 1,).
+        coefficients: Coefficients, constant term first [rad or m], shape (m, 4, n).
     """
     path = object.__new__(CubicPath)
     breaks.setflags(write=False)
@@ -361,7 +361,7 @@ def _through_waypoints(pepper: PepperModel, points: Array) -> CubicPath:
     factorial = np.array([1.0, 1.0, 2.0, 6.0])
     coefficients = np.stack([curve.at(segment, thirds, d) / factorial[d] for d in range(4)], axis=1)
     coefficients[:, :, outside] = _monotone(lengths, slopes[:, outside])
-    # Each piece begins where the last one ends, to the last bit where a joint rests.
+    # Each piece begins where the previous one ends, exactly if a joint rests.
     coefficients[:, 0, outside] += np.repeat(points[:-1, outside], 3, axis=0)
     return CubicPath(np.append(s[segment] + thirds, s[-1]), coefficients)
 
@@ -372,13 +372,13 @@ def _monotone(lengths: Array, slopes: Array) -> Array:
     The second derivative is linear between the ends and the thirds of a chord of slope c, where it is m1 and
     m2.  With first derivatives d0 and d1 at the ends, chord length h,
         m1 = (9 c - 6 d0 - 3 d1) / h,   m2 = (6 d1 + 3 d0 - 9 c) / h
-    lead from one way-point to the next.  The first derivative is least c (3 - (d0 + d1) / c) or that of a
-    third or an end, (3 c - d) / 2 and d: with 0 <= d0, d1 <= 3 c / 2 it never changes its sign.  Within that
-    bound, d is the harmonic mean of the chords' slopes (Fritsch and Butland, 1984).
+    lead from one way-point to the next.  The minimum of the first derivative is c (3 - (d0 + d1) / c), or its
+    value (3 c - d) / 2 at a third, or d at an end: with 0 <= d0, d1 <= 3 c / 2 its sign never changes.
+    Within that bound, d is the harmonic mean of the chords' slopes (Fritsch and Butland, 1984).
 
     Args:
-        lengths: Of the chords, shape (k,).
-        slopes: Of the joints along the chords, shape (k, n).
+        lengths: Lengths of the chords, shape (k,).
+        slopes: Slopes of the joints along the chords, shape (k, n).
 
     Returns:
         Coefficients of three pieces for each chord relative to its first way-point, shape (3 k, 4, n).

@@ -1,4 +1,4 @@
-"""Pictures of trajectories as shares of limits: four quantities, and the phase plane."""
+"""Plots of trajectories as fractions of limits: four quantities, and the phase plane."""
 
 from __future__ import annotations
 
@@ -33,22 +33,22 @@ if TYPE_CHECKING:
 
 _HALVINGS = 50
 MOST_POINTS = 10_000_000
-_SLOW = 1e-3  # of the greatest speed: below it the direction of the way is lost in rounding
+_SLOW = 1e-3  # minimum speed relative to the maximum; below it rounding dominates the direction
 QUANTITIES = ("position", "velocity", "acceleration", "torque")
 _POINTS = 1500
-_MOVES = 1e-3  # [rad or m] a joint that moves less is left out
+_MOVES = 1e-3  # range of a joint below which it is not drawn [rad or m]
 _LEGEND = "greatest share of limits: position [rad]; velocity [rad/s]; acceleration [rad/s²]; torque [N m]"
 
 
 @dataclass(frozen=True, eq=False)
 class PhasePlane(FrozenArrays):
-    """Speed against way; arrays of shape (T,), read-only.
+    """Speed over path length; arrays of shape (T,), read-only.
 
     Attributes:
-        way: s, length of the way in joint space since the start [rad, or rad and m mixed].
-        speed: ds/dt of the trajectory [1/s of that].
-        velocity_limit: Greatest ds/dt that velocity limits allow in the direction of the way.
-        force_limit: Greatest ds/dt for which some d2s/dt2 keeps acceleration and torque limits: the
+        way: Path length s in joint space since the start [rad, or rad and m mixed].
+        speed: Speed ds/dt of the trajectory [unit of s per second].
+        velocity_limit: Maximum ds/dt that velocity limits allow in the direction of the path.
+        force_limit: Maximum ds/dt for which some d2s/dt2 keeps acceleration and torque limits: the
             maximum-velocity curve; 0 where not even rest is possible.
     """
 
@@ -70,18 +70,18 @@ def phase_plane(
     scene: Scene | None = None,
     payload: Mapping[str, float] | None = None,
 ) -> PhasePlane:
-    """Return a trajectory's speed along its way in joint space, and the maximum-velocity curve of that way.
+    """Return a trajectory's speed along its path in joint space, and the maximum-velocity curve of the path.
 
-    With s the length of the way, q' = dq/ds a unit vector and q'' = d2q/ds2, the limits read
+    With s the length of the path, q' = dq/ds a unit vector and q'' = d2q/ds2, the limits read
         |q' sd| <= v,   |q' sdd + q'' sd^2| <= a,   |A sdd + B sd^2 + g| <= tau,
         A = M q',  B = M q'' + C(q, q') q'.
-    For each sd the rows bound sdd from both sides; the greatest sd for which the bounds leave something is
-    the maximum-velocity curve (Bobrow, Dubowsky and Gibson, Int. J. Robotics Research 4, 1985).
+    For each sd the inequalities bound sdd from both sides; the maximum sd for which some sdd is left is the
+    maximum-velocity curve (Bobrow, Dubowsky and Gibson, Int. J. Robotics Research 4, 1985).
 
     Args:
         pepper: The robot.
         trajectory: The trajectory; its joints must be the robot's.
-        points: Number of instants looked at, at least 2; those almost at rest are left out.
+        points: Number of instants examined, at least 2; instants almost at rest are left out.
         scene: The scene whose attached objects count with their mass; None for none.
         payload: Point masses held at "left", "right" or a frame by name [kg], besides attached objects.
 
@@ -125,7 +125,7 @@ def phase_plane(
 
 
 def _greatest(a: Array, b: Array, c: Array, bound: Array, most: Array) -> Array:
-    """Return the greatest sd <= most for which some sdd keeps |a sdd + b sd^2 + c| <= bound, shape (T,)."""
+    """Return the maximum sd <= most for which some sdd keeps |a sdd + b sd^2 + c| <= bound, shape (T,)."""
 
     def possible(speed: Array) -> NDArray[np.bool_]:
         """Return whether some sdd keeps the bounds at speeds sd, shape (T,) each."""
@@ -137,7 +137,7 @@ def _greatest(a: Array, b: Array, c: Array, bound: Array, most: Array) -> Array:
         upper = np.where(tiny, np.inf, ends.max(axis=0)).min(axis=1)
         return np.asarray((lower <= upper) & ~np.any(tiny & (np.abs(middle) > bound), axis=1))
 
-    # The speeds that are possible, squared, form an interval (a slice of a convex set), here from rest on.
+    # The squares of possible speeds form an interval (a slice of a convex set), which begins at rest here.
     low, high = np.zeros_like(most), most.copy()
     at_most = possible(most)
     for _ in range(_HALVINGS):
@@ -159,17 +159,17 @@ def plot(
 ) -> Any:
     """Draw a trajectory against the robot's limits.
 
-    Position, velocity, acceleration and torque of each joint as a share of its limits, so that joints of
-    different strength share one picture: 1 and -1 are the ends of its range, what lies beyond is shaded.  A
-    joint's numbers at its worst instant are in the legend.  Below, the phase plane with the maximum-velocity
-    curve; see `phase_plane`.
+    Position, velocity, acceleration and torque of each joint are drawn as fractions of its limits, so that
+    joints of different strength fit one picture: 1 and -1 are the limits, and the area beyond is shaded.
+    Each joint's values at its worst instants are in the legend.  The phase plane with the maximum-velocity
+    curve is below; see `phase_plane`.
 
     Args:
         pepper: The robot.
         trajectory: The trajectory; its joints must be the robot's.
         path: File to write, .png, .pdf or .svg; nothing is written if omitted.
-        joints: Joints to draw, names of joints and groups; those that move if omitted.
-        title: Heading; duration, joints and what is carried if omitted.
+        joints: Joints to draw, names of joints and groups; all joints that move if omitted.
+        title: Heading; number of joints, duration and loads if omitted.
         scene: The scene whose attached objects count with their mass; None for none.
         payload: Point masses held at "left", "right" or a frame by name [kg], besides attached objects.
 
@@ -193,7 +193,7 @@ def plot(
         height_ratios=[1.0, 1.0, 0.12 + 0.11 * np.ceil(len(places) / 2), 1.15],
     )
     heading = f"{len(places)} joints in {trajectory.duration:.2f} s{carried_words(held)}"
-    # A `$` is not to begin a formula.
+    # A `$` must not begin a formula.
     figure.suptitle(plain_words(title or heading), fontsize=13, parse_math=False)
     peaks = [_draw_quantity(axes[name], pepper, name, trajectory, time, places, held) for name in QUANTITIES]
     _draw_legend(axes["legend"], pepper, places, peaks)
@@ -204,7 +204,7 @@ def plot(
 
 
 def joints_to_draw(pepper: PepperModel, position: Array, joints: str | Sequence[str] | None) -> list[int]:
-    """Return the joints to draw, or those that move, by positions [rad or m], shape (T, n)."""
+    """Return indices of the joints to draw; if none are named, of joints whose positions, (T, n), change."""
     if joints is not None:
         return [pepper.joint_index(name) for name in pepper.resolve_joints(joints)]
     return [int(j) for j in np.flatnonzero(np.ptp(position, axis=0) > _MOVES)]
@@ -232,16 +232,16 @@ def _draw_quantity(
     places: list[int],
     loads: Loads,
 ) -> list[str]:
-    """Draw one quantity as shares of the limits; return each joint's worst value and its limit, in words.
+    """Draw one quantity as fractions of limits; return each joint's worst value and its limit, in words.
 
     Args:
-        axes: Where to draw.
+        axes: The axes to draw into.
         pepper: The robot.
-        name: Of the quantity.
+        name: Name of the quantity.
         trajectory: The trajectory.
         time: Instants [s], shape (T,).
         places: Indices of the joints.
-        loads: What is carried.
+        loads: Carried loads.
     """
     value, lower, upper = _values(pepper, name, trajectory, time, loads)
     peaks, largest = [], 1.0
@@ -292,7 +292,7 @@ def _draw_legend(axes: Any, pepper: PepperModel, places: list[int], peaks: list[
 
 def _draw_plane(axes: Any, plane: PhasePlane) -> None:
     limit = np.minimum(plane.velocity_limit, plane.force_limit)
-    # The limits are in the picture unless that would flatten the trajectory.
+    # The limits are inside the picture unless they would make the trajectory look flat.
     fastest = max(float(plane.speed.max()), 1e-9)
     top = max(1.3 * fastest, min(1.15 * float(limit.max()), 3.0 * fastest))
     axes.fill_between(plane.way, limit, max(top, 1.0), color=LIMIT_COLOR, alpha=0.12, linewidth=0)

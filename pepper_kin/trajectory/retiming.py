@@ -1,17 +1,18 @@
 """Time-optimal trajectories along a path within every limit.
 
-On a grid that keeps all breaks of the path, the path's acceleration u = d2s/dt2 is constant between grid
-points and the fastest that keeps |q'(s) ds/dt|, |q'(s) u + q''(s) x| and |a(s) u + b(s) x + c(s)|,
-x = (ds/dt)^2, within the limits of velocity, acceleration and torque at both ends of every interval
+On a grid that contains all breaks of the path, the path's acceleration u = d2s/dt2 is constant between grid
+points, and the motion is the fastest that keeps |q'(s) ds/dt|, |q'(s) u + q''(s) x| and |a(s) u + b(s) x +
+c(s)|, x = (ds/dt)^2, within the limits of velocity, acceleration and torque at both ends of every interval
 (TOPP-RA: H. Pham and Q.-C. Pham, IEEE Trans. Robotics 34, 2018).  s(t) is then quadratic on each interval and
-q(s(t)) a polynomial of degree 6, which is what is returned: positions lie on the path exactly, velocities are
-continuous, accelerations jump.  The duration's excess over the optimum falls as one over the number of grid
-points: on random five-point paths of the whole body 1.4 % with 100, 0.6 % with 200, 0.2 % with 400.
+q(s(t)) a polynomial of degree 6, which is returned: positions lie on the path exactly, velocities are
+continuous, accelerations jump.  The excess of the duration over the optimum is inversely proportional to the
+number of grid points: on random five-point paths of the whole body 1.4 % with 100, 0.6 % with 200, 0.2 % with
+400.
 
 Between grid points the limits could be exceeded slightly.  Therefore the result is examined there, the limits
-are tightened where need be, and a last excess is removed by stretching time: velocity, acceleration and jerk
-keep their limits at every instant, all others at grid points and at every multiple of 1 ms; by how much less
-in between at most, `check` says.
+are tightened if necessary, and the last excess is removed by stretching time: velocity, acceleration and jerk
+keep their limits at every instant, all other quantities at grid points and at every multiple of 1 ms; `check`
+bounds the excess in between.
 
 With jerk limits, accelerations are continuous too; see `pepper_kin.trajectory.jerk_retiming`.
 """
@@ -59,8 +60,8 @@ if TYPE_CHECKING:
 
 SOLVERS = ("fast", "toppra")
 _MOST_POINTS = 50_000
-_TOLERANCE = 1e-9  # of a limit, for rounding
-_KINK = 1e-3  # of the derivative: what is smaller comes from rounding in a file
+_TOLERANCE = 1e-9  # violation attributed to rounding, relative to the limit
+_KINK = 1e-3  # relative jump of the derivative that counts as a kink; rounding in files makes smaller ones
 
 
 def retime(
@@ -84,57 +85,58 @@ def retime(
     start_velocity: ArrayLike | None = None,
     start_acceleration: ArrayLike | None = None,
 ) -> Trajectory:
-    """Return the time-optimal trajectory along a plan or another path, to rest; see the module.
+    """Return the time-optimal trajectory along a plan or another path, to rest.
 
     Args:
-        pepper: The robot, which gives the limits; infinite ones of velocity and torque do not act.
-        path: A plan, or a piecewise cubic curve such as `Plan.curve` or `pepper_kin.planners.SmoothPath`:
-            it is followed exactly, and the motion stops at its kinks.  Or way-points [rad or m], shape
-            (k, n), joined by a cubic spline that leaves the polyline between them (see
+        pepper: The robot, which gives the limits; infinite velocity and effort limits do not act.
+        path: A plan, or a piecewise cubic curve such as `Plan.curve` or `pepper_kin.planners.SmoothPath`,
+            which is followed exactly, with a stop at each kink; or way-points [rad or m], shape (k, n),
+            joined by a cubic spline that leaves the polyline between them (see
             `pepper_kin.trajectory.path.as_cubic_path`).
-        velocity_scale: Share of the velocity limits to use, in (0, 1].
-        acceleration_scale: Share of the acceleration limits to use, in (0, 1].
-        torque_scale: Share of the effort limits to use, in (0, 1]; "robot" for what a plan was made with, or
-            else for that of `pepper.requirements`: 0.9 for Pepper, so that servos can correct errors.
+        velocity_scale: Fraction of the velocity limits to use, in (0, 1].
+        acceleration_scale: Fraction of the acceleration limits to use, in (0, 1].
+        torque_scale: Fraction of the effort limits to use, in (0, 1]; "robot" for the value that a plan was
+            made with, or else of `pepper.requirements`: 0.9 for Pepper, so that servos can correct errors.
         torque: Whether to keep within the effort limits.
         balance: Distance that the zero-moment point keeps from the edges of the wheels' triangle [m]; "robot"
-            as for `torque_scale`, 10 mm for Pepper; None where the base is held: else the robot may tip.
-        hand_speed: Greatest speed of both hands' effectors, or of "left", "right" or a frame by name [m/s].
+            as for `torque_scale`, 10 mm for Pepper; None only if the base is held, because the robot may tip
+            over.
+        hand_speed: Maximum speed of both hands' effectors, or of "left", "right" or a frame by name [m/s].
         payload: Point masses held at "left", "right" or a frame by name [kg], besides attached objects; they
             act on torque and balance.
         jerk: "gentle", "moderate" or "brisk" (5, 10 or 30 times the acceleration limits in a second), another
-            such factor [1/s], or limits [rad/s^3 or m/s^3], shape (n,); None for none.
-        acceleration_limits: One number for all joints without an acceleration limit in the model, or
-            limits by joint name [rad/s^2 or m/s^2]; infinity says that other limits will do.  `load_robot`
-            takes the same once for all.
-        duration: The duration asked for [s]: the fastest motion is made slower evenly, which keeps limits.
-        gridpoints: Least number of intervals of the grid, 2 to 50,000.
-        solver: "fast", this library's own, or "toppra", the package of that name, as reference; "robot" as
-            its `solvers` say.
-        scene: The scene whose attached objects count with their mass; None: that in which a plan was made.
-        path_speed: Greatest rate of the parameter of a curve [1/s], as [m/s] where it is a way in meters;
-            None for any. Not with `jerk`, nor by "toppra".
-        start_velocity: With which the motion begins [rad/s or m/s], shape (n,), in the direction in which a
-            curve begins; way-points are joined by a spline that begins in that direction.  Not with
-            `duration` or solver="toppra".
-        start_acceleration: With which a motion with jerk limits begins [rad/s^2 or m/s^2], shape (n,): what a
-            curve asks for at `start_velocity`, and any along it; way-points are joined by a spline that
-            begins so.  None for what goes with an even rate along the path.
+            such factor [1/s], or limits [rad/s^3 or m/s^3], shape (n,); None for no jerk limits.
+        acceleration_limits: One number for all joints without an acceleration limit in the model, or limits
+            by joint name [rad/s^2 or m/s^2]; infinity if other limits suffice.  `load_robot` takes this
+            option once for all motions.
+        duration: Duration of the trajectory [s]: the fastest motion is slowed down evenly, which keeps
+            limits; None for the fastest.
+        gridpoints: Minimum number of intervals of the grid, 2 to 50,000.
+        solver: "fast", this library's own, or "toppra", the package of that name, as reference; "robot" for
+            the choice in the robot's `solvers`.
+        scene: The scene whose attached objects count with their mass; None for the loads of the plan.
+        path_speed: Maximum rate of the curve's parameter [1/s; m/s if the parameter is a length in meters];
+            None for no such limit.  Not with `jerk` or solver="toppra".
+        start_velocity: Initial velocity [rad/s or m/s], shape (n,), in the initial direction of a curve; a
+            spline through way-points is made to begin in that direction.  Not with `duration` or
+            solver="toppra".
+        start_acceleration: Initial acceleration of a motion with jerk limits [rad/s^2 or m/s^2], shape (n,):
+            the one that a curve's curvature requires at `start_velocity`, plus any along the curve; a spline
+            through way-points is made to fit.  None for d2s/dt2 = 0 at the start.
 
     Returns:
-        The trajectory; its `binding` says which limit acts at each instant.
+        The trajectory; `Trajectory.active_limits` tells which limit acts at each instant.
 
     Raises:
         InvalidValueError: for an option out of range; one way-point, repeated way-points or a path of zero
-            length; NaN; a joint that moves and has no limit of acceleration; a path that no limit bounds; or
-            one that does not begin along `start_velocity`.
+            length; NaN; a joint that moves and has no limit of acceleration; a path along which no limit
+            acts; or a path that does not begin along `start_velocity`.
         UnknownNameError: for a frame or joint that the robot lacks, or a name of jerk limits.
-        LimitError: where the path leaves the position limits, naming the joint.
-        InfeasibleError: where torque limits forbid the path, naming joint, static torque, limit and place;
-            for a motion of more than an hour, naming the scales;
-            where the robot would tip over even at rest; where `duration` is less than the least one; for a
-            `start_velocity` too great to keep limits, naming the share that is not; or for a plan that
-            failed, with its reason.
+        LimitError: if the path leaves the position limits, naming the joint.
+        InfeasibleError: if torque limits forbid the path, naming joint, static torque, limit and place; for a
+            motion of more than an hour, naming the scales; if the robot would tip over even at rest; if
+            `duration` is shorter than the fastest motion; for a `start_velocity` that violates limits, naming
+            the factor that would not; or for a plan that failed, with its reason.
     """
     if check_choice("solver", solver, ("robot", *SOLVERS)) == "robot":
         solver = "fast" if pepper.solvers == "fast" else "toppra"
@@ -171,14 +173,14 @@ _TOGETHER = {
     "start_velocity": ("with duration or toppra", "none of these"),
     "start_acceleration": ("without jerk", "with `jerk`: else accelerations jump"),
 }
-"""Option of `retime` -> what is wrong with it beside others, None for its value, and what is allowed."""
+"""Option of `retime` -> the rejected combination (None: the option's value), and what is allowed."""
 
 
 def _refuse_together(name: str, value: object, wrong: bool) -> None:
-    """Refuse an option, if it is given, that does not go with the others.
+    """Refuse an option that is given but cannot be combined with the others.
 
     Raises:
-        InvalidValueError: naming it.
+        InvalidValueError: for such an option, naming it.
     """
     if value is not None and wrong:
         got, allowed = _TOGETHER[name]
@@ -186,7 +188,7 @@ def _refuse_together(name: str, value: object, wrong: bool) -> None:
 
 
 def _jerk_rate(pepper: PepperModel, jerk: JerkLike | None, acceleration: Array) -> Array | None:
-    """Return limits of jerk, shape (n,); None where none acts."""
+    """Return the jerk limits [rad/s^3 or m/s^3], shape (n,); None if none acts."""
     rate = None if jerk is None else _where_joints_move(jerk_limits(pepper, jerk, acceleration))
     return None if rate is None or np.isinf(rate).all() else rate
 
@@ -194,7 +196,7 @@ def _jerk_rate(pepper: PepperModel, jerk: JerkLike | None, acceleration: Array) 
 def _begun(
     pepper: PepperModel, path: PathLike, velocity: ArrayLike | None, acceleration: ArrayLike | None
 ) -> tuple[CubicPath, float, float]:
-    """Return a path as a curve, and ds/dt and d2s/dt2 with which the motion begins."""
+    """Return a path as a curve, and the motion's initial ds/dt and d2s/dt2."""
     if velocity is None and acceleration is None:
         return as_cubic_path(pepper, path), 0.0, 0.0
     first = np.zeros(pepper.n) if velocity is None else as_joint_vector(pepper, velocity, "start_velocity")
@@ -210,18 +212,18 @@ def _begun(
 def _limits_along(
     pepper: PepperModel, curve: CubicPath, allowed: MotionLimits, greatest: Array, named: LimitsLike | None
 ) -> Limits:
-    """Return the limits of a motion along a curve, where each joint that moves has some.
+    """Return the limits of a motion along a curve, after checks that each moving joint has limits.
 
     Args:
         pepper: The robot.
         curve: The path.
-        allowed: What a user says.
+        allowed: Fractions of limits, and further limits, that the caller chose.
         greatest: Acceleration limits [rad/s^2 or m/s^2], shape (n,).
-        named: Those that a user has named.
+        named: Acceleration limits that the caller named; None for none.
 
     Raises:
         InfeasibleError: for a joint that moves and whose limit is 0.
-        InvalidValueError: for one without limit of acceleration, or where no limit bounds the motion.
+        InvalidValueError: for a moving joint without acceleration limit, or if no limit bounds the motion.
     """
     drives = _drives(pepper, curve.coefficients)
     if named is None:
@@ -241,8 +243,8 @@ def _limits(pepper: PepperModel, greatest: Array, allowed: MotionLimits, drives:
 
     Args:
         pepper: The robot.
-        greatest: Acceleration limits, shape (n,).
-        allowed: What a user says.
+        greatest: Acceleration limits [rad/s^2 or m/s^2], shape (n,).
+        allowed: Fractions of limits, and further limits, that the caller chose.
         drives: Whether the base moves, so that its wheels count.
     """
     made = allowed.of(pepper, greatest, drives=drives)
@@ -256,7 +258,7 @@ def _limits(pepper: PepperModel, greatest: Array, allowed: MotionLimits, drives:
 
 @kept_for_robot(most=32)
 def _kept_limits(pepper: PepperModel, allowed: MotionLimits, drives: bool) -> Limits:
-    """Return limits with the robot's own of acceleration, whose tables are kept with them."""
+    """Return limits with the robot's own acceleration limits; cached, so that tables for them are reused."""
     return _limits(pepper, pepper.acceleration_limits, allowed, drives)
 
 
@@ -268,7 +270,7 @@ def _has_all_limits(pepper: PepperModel) -> bool:
 
 
 def _where_joints_move(limits: Array) -> Array:
-    """Return limits, shape (n,), without those of zero: such joints rest, see `refuse_motionless`."""
+    """Return limits, shape (n,), with inf in place of zero: joints with zero limits rest."""
     return np.where(limits == 0, np.inf, limits)
 
 
@@ -322,7 +324,7 @@ def _timed(
     pepper: PepperModel, curve: CubicPath, limits: Limits, jerk: Array | None, intervals: int, solver: str,
     start: list[float],
 ) -> Trajectory:  # fmt: skip
-    """Return the fastest trajectory from ds/dt and, with jerk limits [rad/s^3 or m/s^3], d2s/dt2."""
+    """Return the fastest trajectory along a smooth curve; `start` is the initial ds/dt and d2s/dt2."""
     problem = TimingProblem(pepper, curve.breaks, curve.coefficients, intervals, limits)
     if solver == "fast":
         trajectory = fastest_motion(problem, start[0] if jerk is None else 0.0)
@@ -340,7 +342,7 @@ def _timed(
 
 
 def _last(pepper: PepperModel, trajectory: Trajectory, duration: float, limits: Limits) -> Trajectory:
-    """Return the trajectory made slower: torques and edge moments move towards those at rest."""
+    """Return the trajectory slowed to a duration [s]: torques and edge moments approach those at rest."""
     if duration < trajectory.duration * (1 - _TOLERANCE):
         raise InfeasibleError(
             "trajectory",
@@ -361,7 +363,7 @@ def _last(pepper: PepperModel, trajectory: Trajectory, duration: float, limits: 
 
 
 def _refuse_missing(pepper: PepperModel, coefficients: Array, named: LimitsLike | None) -> None:
-    """Refuse a curve, shape (m, 4, n), that moves joints of which no acceleration limit is stated."""
+    """Refuse a curve, shape (m, 4, n), that moves joints without a stated acceleration limit."""
     missing = ~np.isfinite(pepper.acceleration_limits)
     if not missing.any():
         return

@@ -1,4 +1,4 @@
-"""A trajectory at discrete times: its states, their units, and the times at which it is looked at."""
+"""Trajectories at discrete times: states, their units, and sample times."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ UNITS = {
 }
 TIME_TOLERANCE = 1e-9
 EXAMINED_EVERY = 0.001
-"""Time between the states of a motion that are looked at [s]."""
+"""Time between the states of a motion that are examined [s]."""
 
-_LONG = 300.0  # [s] duration up to which that is so
+_LONG = 300.0  # duration up to which EXAMINED_EVERY holds [s]
 _MOST_SAMPLES = 10_000_000
 _Value = TypeVar("_Value", "Samples", "Trajectory")
 
@@ -44,7 +44,7 @@ def unit_of(quantity: str, joint_unit: str = "rad") -> str:
     """Return the unit of a quantity of a joint whose position is in "rad" or "m".
 
     Raises:
-        UnknownNameError: listing the quantities.
+        UnknownNameError: for an unknown quantity; the message lists the known ones.
     """
     if quantity not in UNITS:
         raise UnknownNameError("quantity", quantity, UNITS)
@@ -66,7 +66,7 @@ class State(NamedTuple):
 
 
 def examination_step(duration: float) -> float:
-    """Return the time between states that an examination looks at [s]: 1 ms, or more where that is long."""
+    """Return the time between examined states [s]: 1 ms, or more for motions longer than 300 s."""
     return EXAMINED_EVERY * max(1.0, float(np.ceil(duration / _LONG)))
 
 
@@ -92,10 +92,10 @@ class Samples(FrozenArrays):
 
     Attributes:
         joint_names: Order of the columns.
-        time: [s], shape (T,), rising from 0.
-        position: [rad or m], shape (T, n).
-        velocity: [rad/s or m/s], shape (T, n).
-        acceleration: [rad/s^2 or m/s^2], shape (T, n).
+        time: Times [s], shape (T,), increasing from 0.
+        position: Joint positions [rad or m], shape (T, n).
+        velocity: Joint velocities [rad/s or m/s], shape (T, n).
+        acceleration: Joint accelerations [rad/s^2 or m/s^2], shape (T, n).
         joint_units: "rad" or "m" for each joint; all "rad" if omitted.
     """
 
@@ -119,7 +119,7 @@ class Samples(FrozenArrays):
         return int(self.time.size)
 
     def to_trajectory(self) -> Trajectory:
-        """Return the trajectory of degree 5 that meets position, velocity and acceleration at every sample.
+        """Return the trajectory of degree 5 that has each sample's position, velocity and acceleration.
 
         Returns:
             The trajectory; between samples it is the quintic Hermite interpolant.
@@ -150,10 +150,10 @@ def names_and_units(names: Sequence[str], units: Sequence[str]) -> tuple[tuple[s
 
 
 def refuse_other_joints(pepper: PepperModel, joint_names: tuple[str, ...]) -> None:
-    """Refuse a trajectory of other joints than the robot's, or in another order.
+    """Refuse a trajectory whose joints are not the robot's, in the robot's order.
 
     Raises:
-        InvalidValueError: naming both.
+        InvalidValueError: for such a trajectory, naming its joints and the robot's.
     """
     if joint_names != pepper.joint_names:
         raise InvalidValueError(
@@ -162,7 +162,7 @@ def refuse_other_joints(pepper: PepperModel, joint_names: tuple[str, ...]) -> No
 
 
 def known(kind: type[_Value], names: tuple[str, ...], units: tuple[str, ...], **arrays: Array) -> _Value:
-    """Return a trajectory or samples of arrays, of any shape, that are known to be right."""
+    """Return a trajectory or samples of arrays that are known to be valid, without checks."""
     value = object.__new__(kind)
     for array in arrays.values():
         array.setflags(write=False)
@@ -171,20 +171,20 @@ def known(kind: type[_Value], names: tuple[str, ...], units: tuple[str, ...], **
 
 
 def checked_derivatives(coefficients: Array, segment: ArrayLike, local_time: ArrayLike, count: int) -> Array:
-    """Return value and first derivatives of chosen polynomials, whose places and times are checked.
+    """Return the value and first derivatives of given pieces, after checks of indices and times.
 
     Args:
-        coefficients: Constant term first, shape (m, k, n).
+        coefficients: Coefficients, constant term first, shape (m, k, n).
         segment: Indices of segments, negative ones from the end, shape (...).
         local_time: Time since the start of the segment [s], shape (...).
-        count: Number of derivatives, the value among them, at most 4.
+        count: Number of derivatives including the value, at most 4.
 
     Returns:
-        Shape (count, ..., n).
+        Value and derivatives, shape (count, ..., n).
 
     Raises:
-        InvalidValueError: for a segment that does not exist, a time that is not finite, or shapes that
-            do not go together.
+        InvalidValueError: for a segment that does not exist, a time that is not finite, or shapes that do not
+            broadcast.
     """
     place, time = as_numbers(segment, "segment"), as_numbers(local_time, "local_time")
     most = len(coefficients)

@@ -1,4 +1,4 @@
-"""A time law without jumps of acceleration: the moving average of a time-optimal one."""
+"""Time law s(tau) with continuous acceleration: the moving average of a time-optimal time law."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from pepper_kin.trajectory.limits import LimitedQuantities, Limits
 from pepper_kin.trajectory.path import CubicPath
 
 PIECES = 120
-"""Number of pieces of a smooth time law, about."""
+"""Approximate number of pieces of a smooth time law."""
 
-_CLOSE = 0.03  # of a piece: knots nearer than this are one
-_AT_ENDS = np.array([0.2, 0.5, 1.5])  # of a piece, where the rate changes most: further knots
-_JUMPS = 16  # jumps of acceleration that become knots, at most,
-_LARGE = 0.1  # and how large they are at least, as a share of the greatest acceleration
-_PLACES = np.linspace(0.0, 1.0, POINTS)  # in each piece, where limits are kept
+_CLOSE = 0.03  # distance below which knots are merged, relative to a piece's length
+_AT_ENDS = np.array([0.2, 0.5, 1.5])  # further knots from both ends, in pieces: the rate changes most there
+_JUMPS = 16  # maximum number of jumps of acceleration that become knots
+_LARGE = 0.1  # minimum size of such jumps, relative to the maximum acceleration
+_PLACES = np.linspace(0.0, 1.0, POINTS)  # fractions of each piece at which limits are kept
 _WEIGHTS = np.array([1, 4, 1]) / 6  # Simpson's rule
-_SLOWEST = 1e-6  # share of a limit from which on a velocity counts
+_SLOWEST = 1e-6  # minimum velocity that bounds the rate, relative to its limit
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,15 +32,16 @@ class SmoothTime:
     """s(tau) as quintic polynomials with continuous second derivative.
 
     Attributes:
-        knots: Rising from 0 [s], shape (K + 1,); the path's breaks are among their values of s.
-        coefficients: Constant term first, shape (K, 6, 1).
+        knots: Times, increasing from 0 [s], shape (K + 1,); s takes the values of the path's breaks at some
+            of them.
+        coefficients: Coefficients, constant term first, shape (K, 6, 1).
     """
 
     knots: Array
     coefficients: Array
 
     def at(self, segment: NDArray[np.intp], local: Array) -> tuple[Array, Array, Array, Array]:
-        """Return s and its first three derivatives at local times [s] on chosen pieces, shape (P,) each."""
+        """Return s and its first three derivatives at local times [s] on given pieces, shape (P,) each."""
         s = derivatives_on_segments(self.coefficients, segment, local, 4)[..., 0]
         return s[0], s[1], s[2], s[3]
 
@@ -60,14 +61,14 @@ def smooth_time(curve: CubicPath, time: Array, s: Array, window: float, pieces: 
     """Return the moving average over `window` [s] of a time law with piecewise constant d2s/dt2.
 
         s_w(t) = (1 / w) integral of s from t - w to t:   ds_w/dt = (s(t) - s(t - w)) / w,
-    so that one more derivative is continuous; it takes `window` longer.
+    so that one more derivative is continuous; the motion takes `window` longer.
 
     Args:
         curve: The path, whose breaks become knots.
         time: Times of the grid points [s], shape (N + 1,).
-        s: Path parameter there, shape (N + 1,).
+        s: Path parameter at the grid points, shape (N + 1,).
         window: Width of the average [s].
-        pieces: Number of pieces, about.
+        pieces: Approximate number of pieces.
     """
     law = _TimeLaw(time, s)
     duration = float(time[-1]) + window
@@ -102,16 +103,16 @@ def _jumps(law: _TimeLaw, window: float) -> Array:
 
 
 def _with(knots: Array, wanted: Array, close: float, fixed: set[float] | None = None) -> Array:
-    """Return knots with others added, which replace those that are close, except fixed ones.
+    """Return knots with further times added, each of which replaces close knots that are not fixed.
 
     Args:
-        knots: Rising [s], shape (K + 1,).
+        knots: Increasing times [s], shape (K + 1,).
         wanted: Times to add [s], shape (w,).
         close: Distance below which a knot is replaced [s].
-        fixed: Times that stay, besides both ends [s].
+        fixed: Times to keep, besides both ends [s].
 
     Returns:
-        Rising times [s]; their number depends on how many are close.
+        Increasing times [s]; their number depends on how many are close.
     """
     fixed = set() if fixed is None else fixed
     fixed = fixed | {knots[0], knots[-1]}
@@ -128,13 +129,13 @@ class _TimeLaw:
 
     Args:
         time: Times of the grid points [s], shape (N + 1,).
-        s: Path parameter there, shape (N + 1,).
+        s: Path parameter at the grid points, shape (N + 1,).
     """
 
     def __init__(self, time: Array, s: Array) -> None:
         h, step = np.diff(time), np.diff(s)
         speed = np.zeros(s.size)
-        for i in range(h.size):  # constant acceleration: the mean of both ends is the mean speed
+        for i in range(h.size):  # the mean speed is the mean of both ends' speeds
             speed[i + 1] = max(2 * step[i] / h[i] - speed[i], 0.0)
         self.time, self._s, self._speed = time, s, speed
         self.half = np.diff(speed) / (2 * h)
@@ -154,7 +155,7 @@ class _TimeLaw:
 
 
 def rate_program(pepper: PepperModel, curve: CubicPath, base: SmoothTime, limits: Limits) -> RateProgram:
-    """Evaluate all limits, those of jerk among them, along a smooth time law."""
+    """Return the optimization problem of the rate y: all limits, including jerk, along a smooth time law."""
     assert limits.jerk is not None
     step = np.diff(base.knots)
     segment = np.repeat(np.arange(step.size), POINTS)
@@ -192,16 +193,16 @@ def rate_program(pepper: PepperModel, curve: CubicPath, base: SmoothTime, limits
 
 
 def to_powers(knots: Array) -> Array:
-    """Return y, y' and y'' at the start of each piece from three coefficients of the quadratic spline.
+    """Return the map from three coefficients of the quadratic spline to y, y' and y'' at each piece's start.
 
-    The basis is that of B-splines with threefold knots at both ends, so that all coefficients are positive
-    values of y's control polygon.
+    The basis functions are B-splines with threefold knots at both ends, so that the coefficients are the
+    control polygon of y.
 
     Args:
-        knots: Rising [s], shape (K + 1,).
+        knots: Increasing times [s], shape (K + 1,).
 
     Returns:
-        Gains of the coefficients on y, y' and y'', shape (K, 3, 3).
+        Matrices from the coefficients to y, y' and y'', shape (K, 3, 3).
     """
     t = np.concatenate([knots[:1], knots[:1], knots, knots[-1:], knots[-1:]])
     k = np.arange(knots.size - 1) + 2  # the piece is [t[k], t[k + 1]]

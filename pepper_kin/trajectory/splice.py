@@ -1,4 +1,4 @@
-"""Splices: a motion that gets a new goal on its way, and does not stop for it."""
+"""Splices: replacing the goal of a motion while the robot moves, if possible without a stop."""
 
 from __future__ import annotations
 
@@ -46,22 +46,22 @@ if TYPE_CHECKING:
 
 _SAME_TIME = 1e-12  # [s]
 _ROUNDING = 1e-12
-_SAME = 1e-9  # [rad or m]
-_LEAVES = np.array([0.0, 0.4, 0.7, 0.9])  # of a stop, at which the robot leaves for another motion
-_JOINS = 8  # instants of that motion at which it may arrive there
-_LONGEST = 2.0  # [s] on the way between the two
-_SPARE = 0.97  # of the acceleration with which a joint would do just enough
-_LESS, _TRIALS = 0.7, 10  # of the acceleration with which a joint does too much, in turn
-_LEAST = 0.04  # share of acceleration limits for a way between two motions
-_DOUBTFUL = 0.15  # share below which a stop and the way from there may end sooner
-_SLOW = 0.25  # of the accelerations of all joints, at which something may still be touched
+_SAME = 1e-9  # difference up to which two positions are equal [rad or m]
+_LEAVES = np.array([0.0, 0.4, 0.7, 0.9])  # fractions of a stop at which the robot may leave for a motion
+_JOINS = 8  # number of instants at which the robot may join the other motion
+_LONGEST = 2.0  # maximum duration of the bridge between two motions [s]
+_SPARE = 0.97  # fraction of the acceleration with which a limit would just be kept
+_LESS, _TRIALS = 0.7, 10  # factor on accelerations if no joint is to blame, and maximum number of trials
+_LEAST = 0.04  # minimum fraction of acceleration limits for a bridge between two motions
+_DOUBTFUL = 0.15  # fraction of acceleration limits below which stopping first may be faster
+_SLOW = 0.25  # minimum fraction of all acceleration limits tried to avoid contact
 
 
 def load_ruckig() -> Any:
     """Return the package `ruckig`.
 
     Raises:
-        MissingDependencyError: where it is not installed.
+        MissingDependencyError: if ruckig is not installed.
     """
     return optional("ruckig", command="pip install 'ruckig>=0.14'", need="online motion")
 
@@ -69,14 +69,14 @@ def load_ruckig() -> Any:
 def steer_with_jerk(now: State, target: State, limits: tuple[Array, ...]) -> tuple[Array, Array]:
     """Return the motion from one state to another in which all joints arrive together.
 
-    Each joint by itself as fast as it can, and slowed to the slowest (Berscheid and Kroeger, Jerk-limited
-    real-time trajectory generation with arbitrary target states, RSS 2021; by the package `ruckig`, in this
-    process).  Where a joint begins beyond a limit, that is left first.
+    Each joint is planned as fast as possible by itself, and slowed to the slowest (Berscheid and Kroeger,
+    Jerk-limited real-time trajectory generation with arbitrary target states, RSS 2021; by the package
+    `ruckig`, in this process).  A joint that begins beyond a limit first returns within it.
 
     Args:
-        now: State to start from, shape (n,) each.
-        target: State to arrive in, shape (n,) each.
-        limits: Of velocity, acceleration and jerk, finite, shape (n,) each.
+        now: Initial state, shape (n,) each.
+        target: Final state, shape (n,) each.
+        limits: Limits of velocity, acceleration and jerk, finite, shape (n,) each.
 
     Returns:
         Breaks [s], shape (m + 1,), and cubics, constant term first, shape (m, 4, n), between the instants at
@@ -102,7 +102,7 @@ def steer_with_jerk(now: State, target: State, limits: tuple[Array, ...]) -> tup
 
 
 def _cubics(found: Any, now: State, most: Array) -> tuple[Array, Array]:
-    """Return ruckig's motion as `steer_with_jerk` does: its accelerations, integrated from the start."""
+    """Return ruckig's motion as breaks and cubics: its accelerations, integrated from the start."""
     changes = [0.0, float(found.duration)]
     for profile in found.profiles[0]:
         brake = [0.0, *np.cumsum(profile.brake.t)] if hasattr(profile, "brake") else [0.0]
@@ -110,7 +110,7 @@ def _cubics(found: Any, now: State, most: Array) -> tuple[Array, Array]:
         changes += list(brake[-1] + np.cumsum(profile.t))
     if found.duration <= _SAME_TIME:
         return np.zeros(1), np.empty((0, 4, now.position.size))
-    # Both ends stay: a brake before the motion may last 1e-16 s.
+    # Keep both ends: a braking phase before the motion may last 1e-16 s.
     inside = np.unique(changes)
     inside = inside[(inside > _SAME_TIME) & (inside < found.duration - _SAME_TIME)]
     inside = inside[np.diff(inside, prepend=0.0) > _SAME_TIME]
@@ -118,7 +118,7 @@ def _cubics(found: Any, now: State, most: Array) -> tuple[Array, Array]:
     h = np.diff(times)[:, None]
     a = np.array([found.at_time(time)[2] for time in times[1:].tolist()])
     a = np.concatenate([now.acceleration[None], a])
-    jerk, a = np.clip(np.diff(a, axis=0) / h, -most, most), a[:-1]  # above it only by rounding
+    jerk, a = np.clip(np.diff(a, axis=0) / h, -most, most), a[:-1]  # above the limit only by rounding
     v = now.velocity + np.cumsum(h * (a + h * jerk / 2), axis=0)
     v = np.concatenate([now.velocity[None], v[:-1]])
     q = now.position + np.cumsum(h * (v + h * (a / 2 + h * jerk / 6)), axis=0)
@@ -131,11 +131,12 @@ class Splice(BriefRepr):
     """A motion with a new goal from an instant on.
 
     Attributes:
-        trajectory: The motion until the instant, and from there to the goal.
-        how: "straight"; "joined" to a motion to the goal, while both move; or "after a stop".
-        time: The instant [s].
-        share: Least share of its acceleration limit that a joint uses on the way there or to that motion, but
-            for those that need more to stop within their position limits.
+        trajectory: The original motion until the instant, and from there the motion to the goal.
+        how: "straight"; "joined" to another motion in motion; or "after a stop".
+        time: Time of the instant [s].
+        share: Minimum over the joints of the fraction of the acceleration limit allowed on the way to the
+            goal or to the other motion; joints that need more to stop within their position limits do not
+            count.
     """
 
     trajectory: Trajectory
@@ -186,19 +187,19 @@ def replaced(
 
 
 class MovingStart:
-    """A robot in motion at an instant, and its ways on from there.
+    """A robot in motion at an instant, and the motions that can follow.
 
     Args:
         pepper: The robot.
-        trajectory: Its motion.
-        at: The instant [s].
-        scene: The world; None: nothing is said about what touches.
+        trajectory: The robot's motion.
+        at: Time of the instant [s].
+        scene: The world; None to leave collisions out.
         torque: Whether torque is limited.
-        torque_scale: As in `retime`.
-        balance: As in `retime`.
-        payload: As in `retime`.
-        margins: To the scene and to the robot itself, kept by all ways on but the stop [m].
-        jerk: As in `retime`: ways on begin with the motion's acceleration, too.
+        torque_scale: Fraction of the effort limits to use, in (0, 1], or "robot".
+        balance: Distance that the zero-moment point keeps from the triangle's edges [m], "robot", or None.
+        payload: Point masses held at "left", "right" or a frame by name [kg].
+        margins: Distances to the scene and of the robot to itself that all motions but the stop keep [m].
+        jerk: Jerk limits as `retime` takes them; with them, new motions start with the current acceleration.
     """
 
     def __init__(
@@ -236,13 +237,14 @@ class MovingStart:
 
     @cached_property
     def stopped(self) -> Trajectory | None:
-        """The stop along the motion; None where it touches something at a millisecond.
+        """The stop along the motion; None if it touches something, examined every millisecond.
 
-        Where none along it keeps jerk limits, joints brake each by itself; None where that does not keep them
-        either.  Where the stop leads beyond position limits, as a line may, joints go to where it meets them.
+        If no stop along the motion keeps the limits, each joint brakes by itself; None if that exceeds limits
+        other than position.  If the stop ends beyond position limits, the robot is steered to the nearest
+        position within them.
 
         Raises:
-            InfeasibleError: as `stop` does.
+            InfeasibleError: if the motion cannot be stopped along its path.
         """
         pepper, motion = self.pepper, self.trajectory
         stop = stop_within(pepper, motion, self.at, self.limits)
@@ -262,15 +264,16 @@ class MovingStart:
         return None if touches.any() else found
 
     def straight(self, goal: Array, exceeded: list[str], least: float = _SLOW) -> Splice | None:
-        """Return the way of every joint by itself to rest at a goal, or None and add what it exceeds.
+        """Return the motion of each joint by itself to rest at a goal; None adds the exceeded limits' names.
 
-        One that touches something is tried slower, down to the least share of the accelerations.
+        A motion that touches something is tried slower, down to a fraction `least` of the acceleration
+        limits.
         """
         found = self._steered(self.state, goal, exceeded, least)
         return None if found is None else self._spliced("straight", found[1], found[0])
 
     def after_stop(self, goal: Array) -> Splice | None:
-        """Return the stop, and from its end the way of every joint by itself to rest at a goal."""
+        """Return the stop, and from its end the motion of each joint by itself to rest at a goal."""
         if self.stopped is None:
             return None
         if np.abs(self.stopped.end - goal).max() <= _SAME:
@@ -280,10 +283,10 @@ class MovingStart:
         return None if found is None else self._spliced("after a stop", found[1], self.stopped, found[0])
 
     def onto(self, other: Trajectory) -> Splice | None:
-        """Return the way onto another motion and along it, that which ends soonest of those tried.
+        """Return the bridge onto another motion and the rest of that motion, the soonest to end of all tried.
 
-        The robot leaves now or on its way to a stop, and arrives with the other motion's velocity.  Where no
-        way was found, and the other motion begins where the stop ends, it stops first.
+        The robot leaves now or during a stop, and arrives with the other motion's velocity.  If no bridge was
+        found, and the other motion begins where the stop ends, the robot stops first.
         """
         stopped = self.stopped
         leaves = np.zeros(1) if stopped is None else _LEAVES * stopped.duration
@@ -299,7 +302,7 @@ class MovingStart:
             longest = min(most + joins[k] - leaves[i], _LONGEST)
             try:
                 return self._bridged(starts[i], targets[k], share, longest)
-            except InfeasibleError:  # for jerk limits
+            except InfeasibleError:  # raised for jerk limits
                 return 0.0, lambda: other
 
         for i, k in itertools.product(range(leaves.size), range(_JOINS)):
@@ -326,7 +329,7 @@ class MovingStart:
         return self._spliced("after a stop", 1.0, stopped, other) if meets and stopped is not None else None
 
     def _spliced(self, how: str, share: float, *parts: Trajectory) -> Splice:
-        """Return the motion until the instant and parts after it."""
+        """Return the original motion until the instant, followed by parts."""
         whole = (
             parts[0] if self.at <= TIME_TOLERANCE else self.trajectory.between(0.0, self.at).then(parts[0])
         )
@@ -337,9 +340,9 @@ class MovingStart:
     def _steered(
         self, state: Array, goal: Array, exceeded: list[str], least: float = _SLOW
     ) -> tuple[Trajectory, float] | None:
-        """Return the way from a state to rest, and its share of acceleration; see `_at`."""
+        """Return the motion from a state to rest at a goal, and its fraction of acceleration limits."""
         pepper, limits, (position, velocity) = self.pepper, self.limits, state[:2]
-        # A joint passes no position beyond its start, its goal and where it first stops.
+        # A joint stays between its start, its goal and the position where it first stops.
         room = np.where(velocity > 0.0, pepper.upper_limits - position, position - pepper.lower_limits)
         needed = velocity**2 / (2 * limits.acceleration * np.maximum(room, 0.0) + _ROUNDING)
         if needed.max() > 1.0:
@@ -349,7 +352,7 @@ class MovingStart:
         for _ in range(_TRIALS):
             try:
                 motion = self._to_rest(state, goal, np.maximum(share, needed))
-            except InfeasibleError:  # for jerk limits
+            except InfeasibleError:  # raised for jerk limits
                 exceeded.append("jerk")
                 return None
             names, used = self._exceeded(motion)
@@ -362,7 +365,7 @@ class MovingStart:
         return None
 
     def _to_rest(self, state: Array, goal: Array, share: Array) -> Trajectory:
-        """Return the way from a state to rest at a goal with shares of accelerations, shape (n,) each."""
+        """Return the motion from a state to rest with fractions of the acceleration limits, shape (n,)."""
         limits, phases = self.limits, np.empty((goal.size, 3, 4))
         if limits.jerk is not None:
             rest = np.stack([goal, *np.zeros((2, goal.size))])
@@ -378,13 +381,13 @@ class MovingStart:
     def _bridged(
         self, start: Array, target: Array, share: Array, longest: float
     ) -> tuple[float, Callable[[], Trajectory]]:
-        """Return the time of the way between two states, 0 where there is none, and what makes its motion.
+        """Return the duration of the bridge between two states, 0 for none, and a function that returns it.
 
         Args:
-            start: As of `_at`, shape (2 or 3, n).
-            target: Likewise.
-            share: Of the acceleration limits, shape (n,).
-            longest: Time that it may take [s].
+            start: Initial state, as `_at` returns it, shape (2 or 3, n).
+            target: Final state, shape (2 or 3, n).
+            share: Fractions of the acceleration limits to use, shape (n,).
+            longest: Maximum duration [s].
         """
         pepper, most = self.pepper, share * self.limits.acceleration
         if self.limits.jerk is not None:
@@ -398,14 +401,14 @@ class MovingStart:
         return time, partial(joined_phases, self.trajectory, start[0], phases)
 
     def _at(self, motion: Trajectory, times: Array) -> Array:
-        """Return states at times [s], shape (T, 2, n): position and velocity; with jerk limits (T, 3, n)."""
+        """Return position, velocity and, with jerk limits, acceleration at times [s], (T, 2 or 3, n)."""
         return np.stack(motion(times)[: 2 if self.limits.jerk is None else 3], axis=1)
 
     def _exceeded(self, motion: Trajectory) -> tuple[tuple[str, ...], Array]:
-        """Return what of torque, balance and clearance a cubic motion exceeds; see `first_exceeded`."""
+        """Return names of limits that a cubic motion exceeds, and accelerations that would keep them."""
         names: tuple[str, ...] = ()
         used = np.full(self.pepper.n, np.inf)
-        if self.limits.jerk is not None:  # steering knows no position limits, and may begin too fast to brake
+        if self.limits.jerk is not None:  # steering ignores position limits, and may begin too fast to brake
             rates = np.zeros_like(motion.coefficients)
             rates[:, :3] = motion.coefficients[:, 1:] * np.arange(1.0, 4.0)[:, None]
             speed = np.abs(CubicPath(motion.breaks, rates).extremes())
@@ -423,7 +426,7 @@ class MovingStart:
         return names, used
 
     def _slower(self, share: Array, used: Array) -> Array:
-        """Return shares of accelerations, shape (n,), below those used, or for all joints where none is."""
+        """Return smaller fractions of acceleration limits, shape (n,), for joints to blame, or for all."""
         if np.isinf(used).all():
             return _LESS * share
         return np.where(np.isfinite(used), np.minimum(share, _SPARE * used / self.limits.acceleration), share)

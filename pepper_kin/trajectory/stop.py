@@ -51,14 +51,14 @@ if TYPE_CHECKING:
     from pepper_kin.collision import Clearance, Scene
     from pepper_kin.trajectory.trajectory import Trajectory
 
-_STEP = 0.005  # [s] greatest length of an interval
-_AHEAD = 0.12  # [s] of the motion that is looked at first: about what half of the stops at full limits need
-_SHARES = (1.0, 0.8, 0.6, 0.4, 0.25)  # of the acceleration limits that joints brake with, in turn
-_LONGER, _TRIALS = 1.3, 8  # durations of a slow-down with jerk limits
-_NODES = 0.002  # [s] between its nodes
+_STEP = 0.005  # maximum length of an interval [s]
+_AHEAD = 0.12  # part of the motion that is examined first [s]: about half of stops at full limits fit
+_SHARES = (1.0, 0.8, 0.6, 0.4, 0.25)  # fractions of acceleration limits for braking joints, tried in turn
+_LONGER, _TRIALS = 1.3, 8  # factor between durations of a jerk-limited slow-down, number of trials
+_NODES = 0.002  # time between nodes of a slow-down with jerk limits [s]
 _NEWTON_STEPS = 4
-JUMP_TOLERANCE = 1e-6  # [rad, m, and per second or second^2]
-_AT_REST = 1e-9  # [rad/s or m/s]
+JUMP_TOLERANCE = 1e-6  # largest difference at a knot that is no jump [rad or m, per s, per s^2]
+_AT_REST = 1e-9  # speed up to which the robot is at rest [rad/s or m/s]
 
 
 @dataclass(frozen=True)
@@ -66,14 +66,13 @@ class Stop(BriefRepr):
     """A stop, which begins with position and velocity of the motion that it ends.
 
     Attributes:
-        trajectory: From the instant, which is its time 0, to rest.
-        how: "path"; "end", the whole rest of the motion, where no slow-down along it keeps jerk limits; or
-            "joints".
-        exceeded: Limits that the stop does not keep: "position", "velocity", "acceleration", "jerk" (also
-            where accelerations jump, at its end to rest), "torque", "balance".  Empty for stops along the
-            path, but for those of a motion that does not keep jerk limits itself, where no slow-down does.
-        clearance: Least distances to obstacles and to itself at every millisecond [m], at most 0 in contact;
-            None without a scene.
+        trajectory: The motion from the instant of the stop, its time 0, to rest.
+        how: "path", along the motion's path; "end", the whole remaining motion, if no slow-down along it
+            keeps jerk limits; or "joints".
+        exceeded: Names of the limits that the stop exceeds: "position", "velocity", "acceleration", "jerk"
+            (also if accelerations jump, at its end to rest), "torque", "balance".  Empty for "path".
+        clearance: Minimum distances to obstacles and of the robot to itself, over every millisecond [m], at
+            most 0 in contact; None without a scene.
     """
 
     trajectory: Trajectory
@@ -83,12 +82,12 @@ class Stop(BriefRepr):
 
     @property
     def duration(self) -> float:
-        """Time until rest [s]."""
+        """Duration until rest [s]."""
         return self.trajectory.duration
 
     @property
     def end(self) -> Array:
-        """Where the robot rests [rad or m], shape (n,)."""
+        """Position at rest [rad or m], shape (n,)."""
         return self.trajectory.end
 
 
@@ -105,7 +104,7 @@ def stop(
     jerk: JerkLike | None = None,
     payload: Mapping[str, float] | None = None,
 ) -> Stop:
-    """Return the hardest stop from an instant of a motion; see `Trajectory.stop`."""
+    """Return the fastest stop from an instant of a motion; see `Trajectory.stop`."""
     refuse_other_joints(pepper, trajectory.joint_names)
     if how not in ("path", "joints"):
         raise UnknownNameError("way to stop", how, ("path", "joints"))
@@ -125,7 +124,7 @@ def stop(
 def stop_within(
     pepper: PepperModel, trajectory: Trajectory, at: float, limits: Limits, how: str = "path"
 ) -> Stop:
-    """Return the hardest stop from an instant [s] within limits, without its clearance; see `stop`."""
+    """Return the fastest stop from an instant [s] within limits, without its clearance; see `stop`."""
     state = trajectory(at)
     inside = limits.jerk is not None and 0.0 < at < trajectory.duration
     if np.abs(state.velocity).max() <= _AT_REST and not (
@@ -142,7 +141,7 @@ def stop_within(
 
 
 def checked_instant(trajectory: Trajectory, at: float) -> float:
-    """Return an instant of a motion [s], which others are refused for."""
+    """Return an instant of a motion [s]; refuse a time outside it."""
     at = as_real(at)
     if not -TIME_TOLERANCE <= at <= trajectory.duration + TIME_TOLERANCE:
         raise InvalidValueError("at", f"{shown(at)} s", f"a time within [0, {trajectory.duration:.9g}] s")
@@ -151,17 +150,17 @@ def checked_instant(trajectory: Trajectory, at: float) -> float:
 
 @kept_for_robot(most=32)
 def limits_of(pepper: PepperModel, allowed: MotionLimits) -> Limits:
-    """Return the limits that a robot's drives keep too, which are made once."""
+    """Return a robot's limits, including the wheels of its base; cached."""
     return allowed.of(pepper, pepper.acceleration_limits, drives=True)
 
 
 def like(trajectory: Trajectory, breaks: Array, coefficients: Array) -> Trajectory:
-    """Return a motion of the joints of another one."""
+    """Return a motion with new breaks and coefficients and the joints of another motion."""
     return type(trajectory)(trajectory.joint_names, breaks, coefficients, trajectory.joint_units)
 
 
 def _resting(trajectory: Trajectory, at: float) -> Trajectory:
-    """Return a millisecond of rest, for a robot that does not move."""
+    """Return a motion of one millisecond at rest, for a robot that does not move."""
     return like(trajectory, np.array([0.0, EXAMINED_EVERY]), trajectory(at).position[None, None])
 
 
@@ -169,8 +168,8 @@ def _along_path(trajectory: Trajectory, at: float, limits: Limits, pepper: Peppe
     """Return the stop along the path.
 
     Raises:
-        InfeasibleError: where the motion ends before it can stop, or passes a posture that the robot could
-            not hold.
+        InfeasibleError: if the motion ends before it can stop, or passes a posture that the robot could not
+            hold.
     """
     breaks, coefficients = trajectory.breaks, trajectory.coefficients
     if coefficients.shape[1] < 3:
@@ -225,7 +224,7 @@ def _basis(order: int) -> Array:
 def _effects(
     pepper: PepperModel, limits: Limits, coefficients: Array, path: StopPath, count: int
 ) -> tuple[Array, Array, Array]:
-    """Return torques and edge moments of the intervals and their limits; see `StopLimits`."""
+    """Return torques and edge moments on the intervals, and their lower and upper limits."""
     quantities = quantities_of(pepper, limits)
     torques, edges = quantities.torque_limit, quantities.edges
     low = np.concatenate([-torques, np.zeros(edges)])
@@ -241,10 +240,10 @@ def _effects(
 
 
 def _of_joints(pepper: PepperModel, trajectory: Trajectory, at: float, limits: Limits) -> Stop:
-    """Return the stop of joints that brake each by itself.
+    """Return the stop in which each joint brakes by itself.
 
-    All brake with the same share of their limits of acceleration, the greatest tried with which no other
-    limit is exceeded; with none of them, the greatest.
+    All joints use the same fraction of their acceleration limits: the largest fraction tried that keeps all
+    other limits, or the largest of all if none does.
     """
     state, tried = trajectory(at), []
     for share in _SHARES:
@@ -268,11 +267,12 @@ def _of_joints(pepper: PepperModel, trajectory: Trajectory, at: float, limits: L
 
 
 def _braking(v: float, a: float, most: float, jerk: float) -> list[tuple[float, float, float, float]]:
-    """Return the fastest way of a joint to v = a = 0, in three phases.
+    """Return the fastest motion of a joint to v = a = 0, in three phases.
 
-    With a jerk j it goes to the acceleration b, against v + a |a| / 2 j, keeps it, and goes to zero, where
+    With jerk j, the acceleration changes to b, opposed to v + a |a| / 2 j, is held, and returns to zero,
+    where
         b^2 = j |v| + a^2 / 2,  b <= a_max
-    (signs for v > 0).  Without a limit of jerk it keeps a_max until rest.
+    (signs for v > 0).  Without a jerk limit the joint brakes with a_max until rest.
 
     Returns:
         Duration [s], and velocity, acceleration and jerk at the start of each phase.
@@ -293,7 +293,7 @@ def _braking(v: float, a: float, most: float, jerk: float) -> list[tuple[float, 
 
 
 def joined_phases(trajectory: Trajectory, position: Array, phases: Array) -> Trajectory:
-    """Return the motion of phases as `_braking` returns, shape (n, 3, 4), from positions, shape (n,)."""
+    """Return the motion of phases as `_braking` returns them, shape (n, 3, 4), from positions, shape (n,)."""
     n = position.size
     breaks, pieces = np.empty(3 * n + 1), np.empty((3 * n, 4, n))
     count = join_phases(position, phases, breaks, pieces)
@@ -302,7 +302,7 @@ def joined_phases(trajectory: Trajectory, position: Array, phases: Array) -> Tra
 
 
 def _exceeded(pepper: PepperModel, motion: Trajectory, limits: Limits) -> tuple[str, ...]:
-    """Return which limits a motion exceeds: of polynomials anywhere, of torque and balance every 1 ms."""
+    """Return names of limits a motion exceeds: polynomials at extremes, torque and balance every 1 ms."""
     found = []
     for order, (name, low, high) in enumerate(
         (
@@ -320,22 +320,22 @@ def _exceeded(pepper: PepperModel, motion: Trajectory, limits: Limits) -> tuple[
 
 
 def exceeded_effects(pepper: PepperModel, motion: Trajectory, limits: Limits) -> tuple[str, ...]:
-    """Return which of torque and balance a motion exceeds, looked at beside every knot and every 1 ms."""
+    """Return which of torque and balance a motion exceeds, examined on both sides of knots and every 1 ms."""
     quantities = quantities_of(pepper, limits)
     over = [_excess(quantities, state).max(axis=0) > 0.0 for state in _examined(quantities, motion)]
     return _names(quantities, np.flatnonzero(np.any(over, axis=0)))
 
 
 def first_exceeded(pepper: PepperModel, motion: Trajectory, limits: Limits) -> tuple[tuple[str, ...], Array]:
-    """Return what a motion exceeds where that is found first, and with which accelerations of joints.
+    """Return the limits that a motion exceeds, up to the first excess, and accelerations to keep them.
 
-    A joint contributes what a torque or edge moment, where it is exceeded most, would be less without the
-    joint's acceleration.
+    A joint's contribution is the amount by which the exceeded torque or edge moment, at its worst state,
+    would be smaller without the joint's acceleration.
 
     Returns:
-        As `exceeded_effects`; and of each joint that contributes half as much as any other or more the size
-        of its acceleration there with which the limit would just be kept, if all of these had as much less,
-        0.4 of what it is at least; inf for others, shape (n,) [rad/s^2 or m/s^2].
+        Names as `exceeded_effects` returns them; and for each joint whose contribution is at least half of
+        the largest, the absolute acceleration with which the limit would just be kept if all these joints
+        were reduced by the same factor, at least 0.4; inf for other joints, shape (n,) [rad/s^2 or m/s^2].
     """
     quantities, n = quantities_of(pepper, limits), pepper.n
     kernel = quantities.effect_kernel
@@ -360,7 +360,7 @@ def first_exceeded(pepper: PepperModel, motion: Trajectory, limits: Limits) -> t
 
 
 def _examined(quantities: LimitedQuantities, motion: Trajectory) -> Iterator[Array]:
-    """Yield the states beside every knot, then those of every 1 ms, shape (3, T, n); none without limits."""
+    """Yield states on both sides of knots, then of every 1 ms, shape (3, T, n); nothing without limits."""
     if quantities.torque_limit.size + quantities.edges:
         breaks, pieces = motion.breaks, motion.coefficients
         steps = np.diff(breaks)
@@ -382,7 +382,7 @@ def _excess(quantities: LimitedQuantities, state: Array) -> Array:
 
 
 def _names(quantities: LimitedQuantities, over: NDArray[np.intp]) -> tuple[str, ...]:
-    """Return what columns of `_excess` are of."""
+    """Return the names, "torque" or "balance", of columns of `_excess`."""
     torque = over < quantities.torque_limit.size
     return ("torque",) * bool(torque.any()) + ("balance",) * (not torque.all())
 
@@ -398,14 +398,15 @@ def _with_jerk(
 ) -> Stop:
     """Return a stop along the path that keeps jerk limits too.
 
-    The path is that of the motion, q(l) with the length l = integral of |dq/dt|, along which q' and q" go on
-    evenly where accelerations jump along the path.  It is run with the speed
+    The path is q(l) with the length l = integral of |dq/dt|; q' and q" stay continuous where accelerations
+    jump along the path.  The speed is
 
         dl/dt = v (1 - 3 r^2 + 2 r^3) + a T (r - 2 r^2 + r^3),   r = t / T,
 
-    that begins with the motion's speed v and its change a and ends evenly, for the least T tried that keeps
-    all limits; between nodes 2 ms apart it is the quintic.  Limits of jerk are not convex in this way, so
-    there may be none: then the rest of the motion itself is the stop, with the limits that it exceeds.
+    which begins with the motion's speed v and its derivative a and ends with zero speed and acceleration, for
+    the smallest T tried that keeps all limits; between nodes 2 ms apart the motion is a quintic.  Jerk limits
+    are not convex in this parametrization, so there may be no such T: then the remaining motion itself is the
+    stop, with the limits that it exceeds.
     """
     left = trajectory.between(at, trajectory.duration)
     clock = _Length(left)
@@ -415,7 +416,7 @@ def _with_jerk(
     duration = 1.2 * shortest
     for _ in range(_TRIALS if v > 0.0 else 0):
         if a < 0.0:
-            duration = min(duration, -3.0 * v / a)  # longer ones would go back
+            duration = min(duration, -3.0 * v / a)  # a longer slow-down would reverse
         r = np.linspace(0.0, 1.0, math.ceil(duration / _NODES) + 1)
         way = duration * (v * (r - r**3 + r**4 / 2) + a * duration * (r**2 / 2 - 2 * r**3 / 3 + r**4 / 4))
         if way[-1] >= clock.length[-1]:
@@ -445,8 +446,8 @@ class _Length:
     """Length of a motion's path, l(t) = integral of |dq/dt|, by Simpson's rule between its knots.
 
     Attributes:
-        times: Times, the knots among them [s], shape (T,).
-        length: l there, shape (T,).
+        times: Times, including the knots [s], shape (T,).
+        length: Path length l at each time, shape (T,).
     """
 
     def __init__(self, motion: Trajectory) -> None:
@@ -463,11 +464,11 @@ class _Length:
         return speed
 
     def _added(self, start: Array, step: Array, first: Array, last: Array) -> Array:
-        """Return the lengths of steps [s] from times [s] with speeds at both ends, shape (T,) each."""
+        """Return path lengths of steps [s] from times [s], given the speeds at both ends, shape (T,) each."""
         return step / 6 * (first + 4 * self._speed(start + step / 2) + last)
 
     def times_of(self, lengths: Array) -> Array:
-        """Return the times [s] of lengths, shape (T,), by Newton's method."""
+        """Return the times [s] at which path lengths, shape (T,), are reached, by Newton's method."""
         low = np.clip(np.searchsorted(self.length, lengths, side="right") - 1, 0, self.times.size - 2)
         start, found = self.times[low], np.interp(lengths, self.length, self.times)
         first = self._speed(start)
@@ -489,9 +490,9 @@ def _jumps(motion: Trajectory) -> bool:
 
 
 def least_clearance(pepper: PepperModel, motion: Trajectory, scene: Scene, begin: float) -> Clearance:
-    """Return the least distances of bodies at every millisecond, at most 0 in contact.
+    """Return the minimum distances of bodies over every millisecond, at most 0 in contact.
 
-    The motion begins at a time [s] of the scene.
+    `begin` is the time of the scene at which the motion begins [s].
     """
     times = sample_times(motion.duration, EXAMINED_EVERY)
     states: NDArray[np.float64] = motion(times).position

@@ -1,4 +1,4 @@
-"""The fastest motion along a path that keeps all limits, by the compiled core."""
+"""Time-optimal motion along a path within all limits, by the compiled core."""
 
 from __future__ import annotations
 
@@ -47,32 +47,32 @@ from pepper_kin.model import PepperModel
 from pepper_kin.trajectory.limits import Limits, quantities_of, share_of
 from pepper_kin.trajectory.trajectory import Trajectory, known_trajectory
 
-_GREATEST = 1e12  # squared speed where no velocity limit acts, in path lengths squared a second squared
+_GREATEST = 1e12  # squared speed if no velocity limit acts [path lengths^2/s^2]
 
 MOST_TABLES = 256
-"""Sizes of paths of which a thread keeps the tables."""
+"""Maximum number of path sizes whose tables a thread keeps."""
 
 
 class TimingProblem:
     """A path on its grid with the limits along it.
 
-    The tables are views of memory that each thread keeps, for new pages would take long: a problem is valid
-    until the next one is made in the same thread.  They are filled by `fill` or `fastest`.
+    The tables are views of memory that each thread reuses, because new pages are slow: a problem is valid
+    until the next one is made in the same thread.  The tables are filled by `fill` or `fastest`.
 
     Attributes:
         grid: The path.
-        effects: Torques, edge moments and frame speeds at its nodes.
+        effects: Torques, edge moments and frame speeds at the grid's nodes.
         limits: Limits of the joints.
-        rows: Receives the constraints.
-        space: Work space of the search; `x[0]` is the squared speed (ds/dt)^2 at the start, at first 0.
-        quantities: What limits look at, for other states.
-        loads: What is carried.
+        rows: Memory for the constraints.
+        space: Work space of the search; `x[0]` is the squared speed (ds/dt)^2 at the start, initially 0.
+        quantities: Limited quantities, to be evaluated at other states.
+        loads: Carried loads.
 
     Args:
         pepper: The robot.
-        breaks: Ends of the path's pieces, rising, shape (m + 1,).
-        coefficients: Constant term first [rad or m], shape (m, 4, n).
-        intervals: Number of intervals of the grid, about.
+        breaks: Ends of the path's pieces, increasing, shape (m + 1,).
+        coefficients: Coefficients, constant term first [rad or m], shape (m, 4, n).
+        intervals: Approximate number of intervals of the grid.
         limits: The limits.
     """
 
@@ -94,14 +94,14 @@ class TimingProblem:
 
     @property
     def plain(self) -> bool:
-        """Whether nothing is limited but velocity, acceleration, and torque without a load."""
+        """Whether only velocity, acceleration, and torque without a load are limited."""
         return not (self.quantities.edges or self.quantities.frames or self.loads)
 
     def fastest(self) -> tuple[int, int | None, float, Trajectory | None]:
-        """Fill the tables and search the fastest motion, of a plain problem, in one call of machine code.
+        """Fill the tables of a plain problem and search its fastest motion in one call of machine code.
 
         Returns:
-            As `time_path`, and the motion where there is one.
+            Status, failed grid point and stretch as `time_path` returns them, and the motion if there is one.
         """
         breaks, coefficients = self._path
         times, motion = self._tables.times, self._tables.motion
@@ -115,7 +115,7 @@ class TimingProblem:
         return status, failed, stretch, known_trajectory(self._names, self._units, times, motion)
 
     def fill(self) -> None:
-        """Fill the tables of the path, and of torques, edge moments and frame speeds along it."""
+        """Fill the tables of the path, torques, edge moments and frame speeds."""
         quantities, tables, nodes = self.quantities, self._tables, self.grid.at.shape[1]
         fill_grid(*self._path, self._intervals, self.grid)
         if quantities.torque_limit.size or quantities.edges:
@@ -129,24 +129,26 @@ class TimingProblem:
             self.effects = self.effects._replace(frame_speed=speed[:nodes], frame_middle=speed[nodes:])
 
     def share(self, point: int) -> float:
-        """Return how far along the path a grid point is, from 0 to 1."""
+        """Return the position of a grid point along the path, from 0 to 1."""
         s = self.grid.s
         return float((s[point] - s[0]) / (s[-1] - s[0]))
 
     def trajectory(self, x: Array, stretch: float = 1.0) -> Trajectory:
-        """Return the motion with squared speeds (ds/dt)^2 at the grid points, shape (N + 1,), made slower."""
+        """Return the motion with squared speeds (ds/dt)^2 at grid points, (N + 1,), slowed by `stretch`."""
         times, motion = self._tables.times, self._tables.motion
         motion_polynomials(self.grid, x, stretch, times, motion)
         return known_trajectory(self._names, self._units, times, motion)
 
     def infeasible(self, failed_at: int | None) -> InfeasibleError:
-        """Say why there is no trajectory: with velocity and acceleration alone there always is one.
+        """Return the error that says why there is no trajectory.
+
+        With velocity and acceleration limits alone there always is one.
 
         Args:
             failed_at: Grid point at which the search ended.
         """
         torque, limit = self.effects.torque[0], self.limits.torque
-        use = share_of(np.abs(torque), limit)  # of wheels 0: at rest they do not accelerate
+        use = share_of(np.abs(torque), limit)  # 0 for wheels, which do not accelerate at rest
         if use.size and use.max() >= 1.0:
             node, joint = np.unravel_index(int(np.argmax(use)), use.shape)
             needed, most = beside_limits(abs(torque[node, joint]), limit[joint], outside=True)
@@ -178,13 +180,13 @@ class TimingProblem:
         )
 
     def _node_share(self, node: np.intp) -> float:
-        """Return how far along the path a node is."""
+        """Return the position of a node along the path, from 0 to 1."""
         interval = int(np.searchsorted(self.grid.first, node, side="right")) - 1
         return self.share(interval + int(node - self.grid.first[interval]))
 
 
 class _Tables(NamedTuple):
-    """Tables of paths of one size, of which the states share memory with the work space."""
+    """Tables for paths of one size; the states share memory with the work space."""
 
     grid: PathGrid
     effects: PathEffects
@@ -197,7 +199,7 @@ class _Tables(NamedTuple):
 
 
 class _Memory(threading.local):
-    """Memory of a thread, and tables that lie in it, by their sizes; all share it."""
+    """Memory of a thread, and tables by their sizes, which all share this memory."""
 
     def __init__(self) -> None:
         self.workspace, self.tables = np.empty(0), dict[tuple[int, ...], _Tables]()
@@ -246,10 +248,10 @@ def _tables_of(size: int, segments: int, n: int, torques: int, edges: int) -> _T
 
 
 class TooLongError(Exception):
-    """A motion that is too long to be checked every millisecond; `retime` makes the user's error of it.
+    """A motion that is too long to be checked every millisecond; `retime` turns it into the user's error.
 
     Attributes:
-        duration: What it would take at least [s].
+        duration: Lower bound on the motion's duration [s].
     """
 
     def __init__(self, duration: float) -> None:
@@ -258,34 +260,34 @@ class TooLongError(Exception):
 
 
 def refuse_long(duration: float) -> None:
-    """Refuse a motion that has more milliseconds than memory has place for.
+    """Refuse a motion of more milliseconds than memory can hold.
 
     Raises:
-        TooLongError: for one longer than `LONGEST_MOTION`.
+        TooLongError: for a duration longer than `LONGEST_MOTION`.
     """
     if duration > LONGEST_MOTION:
         raise TooLongError(duration)
 
 
-_TRIALS = 9  # solutions with tightened limits where time cannot be stretched
-_MARGINS = (1e-3, 1e-5)  # shares of limits left unused there, to be tried in turn
+_TRIALS = 9  # maximum number of solutions with tightened limits if time cannot be stretched
+_MARGINS = (1e-3, 1e-5)  # fractions of limits left unused there, tried in turn
 
 
 def fastest_motion(problem: TimingProblem, start: float = 0.0) -> Trajectory:
     """Return the fastest motion along a path to rest that keeps limits.
 
-    Velocity and acceleration keep their limits at every instant, the others at both ends of every interval
-    and at every multiple of 1 ms.  Where a limit is exceeded between grid points, that interval's is
-    tightened by the excess before the passes are run again; what is left is removed by stretching time (see
-    `pepper_kin.core.timing.parameterization`).  Of the multiples of 1 ms, those are examined that lie on
-    intervals where a limit is near.  A motion that is going to be stretched begins faster by as much.
+    Velocity and acceleration keep their limits at every instant, the other quantities at both ends of every
+    interval and at every multiple of 1 ms.  If a limit is exceeded between grid points, the limit of that
+    interval is tightened by the excess before the passes are run again; the remaining excess is removed by
+    stretching time (see `pepper_kin.core.timing.parameterization`).  Multiples of 1 ms are examined only on
+    intervals where a limit is near.  A motion that will be stretched begins faster by the same factor.
 
     Args:
         problem: The path and its limits.
         start: ds/dt at the start [1/s].
 
     Raises:
-        InfeasibleError: where there is none, saying why.
+        InfeasibleError: if there is no such motion, with the reason.
         TooLongError: for a motion longer than `LONGEST_MOTION`.
     """
     stretch = 1.0
@@ -308,7 +310,7 @@ def fastest_motion(problem: TimingProblem, start: float = 0.0) -> Trajectory:
 
 
 def _fastest(problem: TimingProblem) -> tuple[int, int | None, float, Trajectory | None]:
-    """Search the fastest motion from the squared speed at the start; see `TimingProblem.fastest`."""
+    """Search the fastest motion from the squared speed at the start, as `TimingProblem.fastest` does."""
     if problem.plain:
         return problem.fastest()
     problem.fill()
@@ -323,7 +325,7 @@ def _fastest(problem: TimingProblem) -> tuple[int, int | None, float, Trajectory
 
 
 def _stretched(problem: TimingProblem, x: Array, stretch: float) -> float:
-    """Return how much slower than x, shape (N + 1,), all limits ask to be; inf if of no use."""
+    """Return the stretch of the motion x, shape (N + 1,), that all limits need; inf if none helps."""
     limit, edges = problem.limits.torque, problem.quantities.edges
     if problem.quantities.frames:
         stretch = _slow_enough_for_frames(problem, x, stretch)
@@ -335,7 +337,7 @@ def _stretched(problem: TimingProblem, x: Array, stretch: float) -> float:
 
 
 def _slow_enough_for_frames(problem: TimingProblem, x: Array, stretch: float) -> float:
-    """Return how much slower than x, shape (N + 1,), frames and wheels ask to be at multiples of 1 ms."""
+    """Return the stretch of the motion x, (N + 1,), that speeds of frames and wheels need every 1 ms."""
     grid, n = problem.grid, problem.grid.at.shape[2]
     duration = profile_duration(grid, x)
     while np.isfinite(stretch):
@@ -346,22 +348,22 @@ def _slow_enough_for_frames(problem: TimingProblem, x: Array, stretch: float) ->
         most = float(problem.quantities.speed(state[0], state[1]).max())
         if most <= 1.0 + TOLERANCE:
             break
-        stretch *= most * (1.0 + LEAST)  # speeds are in proportion; the instants looked at next are others
+        stretch *= most * (1.0 + LEAST)  # speeds are inversely proportional; the next instants differ
     return stretch
 
 
 def _kept(problem: TimingProblem, x: Array, stretch: float, limit: Array, begin: int) -> float:
-    """Look at torques, or edge moments (with limits of 0), at every multiple of 1 ms where they are near.
+    """Return the stretch that torques, or edge moments, need at multiples of 1 ms near their limits.
 
     Args:
         problem: The path and its limits.
         x: Squared speeds (ds/dt)^2 at the grid points, shape (N + 1,).
-        stretch: How much slower than x the motion is.
-        limit: As `LimitedQuantities.torque_limit`, or 0 for each edge moment, shape (k,).
-        begin: Number of torques and edge moments before the first of them.
+        stretch: Factor by which the motion is slower than x.
+        limit: Limits as `LimitedQuantities.torque_limit`, or 0 for each edge moment, shape (k,).
+        begin: Index of the first of the quantities among torques and edge moments.
 
     Returns:
-        How much slower than x they ask to be; inf if that is of no use.
+        Factor by which the motion has to be slower than x; inf if none helps.
     """
     grid, n = problem.grid, problem.grid.at.shape[2]
     duration = profile_duration(grid, x)
@@ -381,7 +383,7 @@ def _kept(problem: TimingProblem, x: Array, stretch: float, limit: Array, begin:
         more = tighten_states(grid, bound, problem.rows, n + begin, interval, asked, False)
         if more <= 1.0 + TOLERANCE:
             break
-        stretch *= 1.0 + MORE * (more - 1.0) + LEAST  # the instants looked at next are others
+        stretch *= 1.0 + MORE * (more - 1.0) + LEAST  # the next instants differ
     return stretch
 
 
@@ -391,10 +393,10 @@ def _workspace_for(duration: float, stretch: float) -> Instants:
 
 
 def _motion_without_rest(problem: TimingProblem) -> Trajectory:
-    """Search for a motion past postures that the robot could not hold: there, slower is not easier.
+    """Search a motion through postures that the robot could not hold, where slower is not easier.
 
     Raises:
-        InfeasibleError: where none is found.
+        InfeasibleError: if none is found.
     """
     for margin in _MARGINS:
         found, failed = _swing(problem, margin)
@@ -404,7 +406,7 @@ def _motion_without_rest(problem: TimingProblem) -> Trajectory:
 
 
 def _swing(problem: TimingProblem, margin: float) -> tuple[Trajectory | None, int | None]:
-    """Return a motion with a share of the limits left unused, or the grid point where the search ended."""
+    """Return a motion with a fraction of the limits left unused, or the grid point where the search ended."""
     grid, limits, rows, space = problem.grid, problem.limits, problem.rows, problem.space
     begin_moments = grid.at.shape[2] + limits.torque.size
     fill_rows(grid, problem.effects, limits, rows)
@@ -422,10 +424,10 @@ def _swing(problem: TimingProblem, margin: float) -> tuple[Trajectory | None, in
         slower = max(slower, _tightened_by_states(problem, x, 1.0, True))
         if slower <= 1.0 + TOLERANCE:
             return problem.trajectory(x), None
-        # The speed inside an interval depends on both ends, of which the bound may act at one only: by
-        # lowering it as much as the excess, half of that may be left.  So lower it more each time.
+        # The speed inside an interval depends on both ends, but the bound may act at one end only: lowering
+        # it by the excess may leave half of the excess, so it is lowered more each time.
         rows.x_most[...] *= (rows.x_most / before) ** trial
-    # What is left of the excess is small: a motion that is slower by so little may still keep all limits.
+    # The remaining excess is small: a motion slowed by as little may still keep all limits.
     stretch = slower * (1.0 + LEAST)
     if np.isfinite(stretch) and _tightened_by_states(problem, space.x, stretch, False) <= 1.0 + TOLERANCE:
         return problem.trajectory(space.x, stretch), None
@@ -433,12 +435,12 @@ def _swing(problem: TimingProblem, margin: float) -> tuple[Trajectory | None, in
 
 
 def _tightened_by_states(problem: TimingProblem, x: Array, stretch: float, tighten: bool) -> float:
-    """Return how much slower torques, balance and frames at every multiple of 1 ms ask to be.
+    """Return the stretch that torques, balance and frame speeds at every multiple of 1 ms need.
 
     Args:
         problem: The path and its limits.
         x: Squared speeds (ds/dt)^2 at the grid points, shape (N + 1,).
-        stretch: How much slower than x the motion is.
+        stretch: Factor by which the motion is slower than x.
         tighten: Whether the limits on x are lowered by the excess.
     """
     grid, n = problem.grid, problem.grid.at.shape[2]

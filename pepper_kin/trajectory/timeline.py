@@ -1,4 +1,4 @@
-"""Animations by keys and handles, as Choregraphe draws them and NAOqi plays them."""
+"""Animations by keys and handles, in the form that Choregraphe edits and NAOqi plays."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pepper_kin.trajectory.key_curve import JointCurve, checked_parts, on_common
 from pepper_kin.trajectory.trajectory import Trajectory
 
 HANDS = ("LHand", "RHand")
-_CYCLE = 0.02  # [s] of NAOqi
+_CYCLE = 0.02  # cycle time of NAOqi [s]
 
 
 @dataclass(frozen=True)
@@ -23,8 +23,8 @@ class Timeline:
     """An animation: curves of some joints.
 
     Attributes:
-        name: Where it was found, as "Box/Box/Timeline".
-        curves: One for each joint that it moves.
+        name: Path of the animation in its file, such as "Box/Box/Timeline".
+        curves: Curves, one for each moved joint.
     """
 
     name: str
@@ -34,7 +34,7 @@ class Timeline:
         """Check the curves.
 
         Raises:
-            InvalidValueError: where a joint has two curves, there is none, or no time passes.
+            InvalidValueError: for two curves of one joint, no curve, or a duration of zero.
         """
         object.__setattr__(self, "curves", checked_parts(f"curves of {self.name}", self.curves, JointCurve))
         joints = [curve.joint for curve in self.curves]
@@ -55,29 +55,29 @@ class Timeline:
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """Joints that it moves."""
+        """Names of the joints that the animation moves."""
         return tuple(curve.joint for curve in self.curves)
 
     def to_trajectory(
         self, pepper: PepperModel, start: Array | None = None, *, ignore: str | Sequence[str] = HANDS
     ) -> Trajectory:
-        """Return the animation as it is, unsafe or not.
+        """Return the unchanged animation, safe or not, as a trajectory.
 
-        A joint whose first key is later than 0 comes from its start with an automatic handle; after its last
-        key it rests; joints without a curve rest at their start.  A jump on the last key adds 0.02 s.
+        A joint whose first key is later than 0 moves there from its start with an automatic handle; it rests
+        after its last key.  Joints without a curve rest at their start.  A jump at the last key adds 0.02 s.
 
         Args:
             pepper: The robot.
             start: Posture at time 0 [rad], shape (n,); the posture Stand, or neutral, if omitted.
-            ignore: Joints of the animation to leave out where the robot lacks them; "foreign" for all that it
-                lacks, as NAO's legs.
+            ignore: Joints of the animation to leave out if the robot lacks them; "foreign" for all joints
+                that it lacks, such as NAO's legs.
 
         Returns:
             The motion of all joints of the robot, with its corners and jumps.
 
         Raises:
             UnknownNameError: for joints that the robot lacks and `ignore` does not name.
-            InvalidValueError: for a start of the wrong shape, or where "foreign" leaves no joint.
+            InvalidValueError: for a start of the wrong shape, or if "foreign" leaves no joint.
         """
         rest = _start(pepper, start)
         curves = [curve for curve in self.curves if curve.joint in pepper.joint_names]
@@ -87,7 +87,7 @@ class Timeline:
                 raise InvalidValueError(f"joints of {self.name}", ", ".join(foreign), "one of the robot's")
         elif unknown := [joint for joint in foreign if joint not in ignore]:
             raise UnknownNameError(f"joint of {self.name}", ", ".join(unknown), pepper.joint_names)
-        # A value that is jumped to at the very end has to be there for a while to be seen.
+        # A value reached by a jump at the end must be held for a while to be visible.
         jumps = any(len(c.keys) > 1 and c.keys[-2].behind.kind == "constant" for c in curves)
         duration = self.duration + (_CYCLE if jumps else 0.0)
         knots, coefficients = on_common_knots(pepper, curves, rest, duration)
@@ -96,12 +96,12 @@ class Timeline:
 
 @dataclass(frozen=True, eq=False)
 class ImportedMotion(BriefRepr):
-    """An animation made into a motion that the robot can make.
+    """An animation, and its motion within the robot's limits.
 
     Attributes:
         timeline: The animation.
-        original: Its motion as it is.
-        violations: What was unsafe in it.
+        original: The unchanged motion of the animation.
+        violations: Limit violations of the unchanged motion.
         trajectory: The motion that keeps the limits of position, velocity, acceleration, torque and balance.
     """
 
@@ -111,10 +111,10 @@ class ImportedMotion(BriefRepr):
     trajectory: Trajectory
 
     def report(self, most: int = 20) -> str:
-        """Say in words what was unsafe, worst joints and times first come first, and what became of it.
+        """Return in words the durations of both motions and the violations, in order of time.
 
         Args:
-            most: Greatest number of lines about violations.
+            most: Maximum number of lines about violations.
         """
         head = (
             f"{self.timeline.name}: {len(self.timeline.curves)} joints, "
@@ -137,20 +137,20 @@ def import_timeline(
     ignore: str | Sequence[str] = HANDS,
     rounding: float = 0.02,
 ) -> ImportedMotion:
-    """Return an animation with what was unsafe in it and the motion that the robot can make.
+    """Return an animation with its limit violations and the motion that the robot can make.
 
     Args:
         pepper: The robot.
         timeline: The animation.
         start: Posture at time 0 [rad], shape (n,); the posture Stand, or neutral, if omitted.
-        ignore: Joints of the animation to leave out where the robot lacks them, or "foreign"; see
-            `Timeline.to_trajectory`.
-        rounding: As `enforce_limits` takes it [s].
+        ignore: Joints of the animation to leave out if the robot lacks them; "foreign" for all joints that it
+            lacks.
+        rounding: Time between control points of the smoothed motion [s]; see `enforce_limits`.
 
     Raises:
         UnknownNameError: for joints that the robot lacks and `ignore` does not name.
         InvalidValueError: for a start of the wrong shape, a rounding out of range, or no joint of the robot.
-        InfeasibleError: where the robot could not even hold a position on the way.
+        InfeasibleError: if the robot could not even hold a position on the way.
     """
     original = timeline.to_trajectory(pepper, start, ignore=ignore)
     safe = enforce_limits(pepper, original, rounding=rounding)
@@ -158,7 +158,7 @@ def import_timeline(
 
 
 def _start(pepper: PepperModel, start: Array | None) -> Array:
-    """Return a posture to start from [rad or m], shape (n,); Stand, or neutral, where none is given."""
+    """Return the initial posture [rad or m], shape (n,); Stand, or neutral, if none is given."""
     if start is None:
         return pepper.posture("Stand") if "Stand" in pepper.posture_names else pepper.neutral()
     return as_joint_vector(pepper, start, "start")

@@ -1,4 +1,4 @@
-"""Time-optimal speed along a path by the package toppra, as reference."""
+"""Time-optimal speed along a path by the package toppra, for reference."""
 
 from __future__ import annotations
 
@@ -22,23 +22,22 @@ from pepper_kin.trajectory.samples import sample_times
 from pepper_kin.trajectory.time_optimal import TimingProblem, refuse_long
 from pepper_kin.trajectory.trajectory import Trajectory
 
-_ROUNDS = 4  # solutions with tightened limits before settling for a slower one
-_SMALL_STRETCH = 1e-3  # slowing down by less than this is cheaper than solving again
-_INSIDE = (0.5,)  # of each interval, where limits are looked at besides its ends
-_MORE = 1.0 + 2e-6  # stretch a little further: the instants looked at next are others
-_TOLERANCE = 1e-9  # of a limit, for rounding
-_UNTHREADED_PRODUCT = 200_000  # multiplications that OpenBLAS does without threads
-_GREATEST = 1e6  # bound on scaled x where no velocity limit acts; toppra wants numbers
-_FARTHEST = 20.0  # times the greatest edge moment at rest: no motion has as much, and toppra wants numbers
+_ROUNDS = 4  # maximum number of solutions with tightened limits before time is stretched
+_SMALL_STRETCH = 1e-3  # relative slow-down below which stretching time is cheaper than solving again
+_INSIDE = (0.5,)  # fractions of each interval at which limits are examined, besides its ends
+_MORE = 1.0 + 2e-6  # additional factor on stretches, because the next instants examined differ
+_TOLERANCE = 1e-9  # violation attributed to rounding, relative to the limit
+_UNTHREADED_PRODUCT = 200_000  # number of multiplications that OpenBLAS does without threads
+_GREATEST = 1e6  # bound on scaled x if no velocity limit acts; toppra needs finite numbers
+_FARTHEST = 20.0  # upper bound on edge moments over their maximum at rest; toppra needs finite numbers
 
 
 def toppra_motion(pepper: PepperModel, problem: TimingProblem, limits: Limits) -> Trajectory:
     """Return the fastest motion along a path by toppra; all limits hold at every multiple of 1 ms.
 
     The path's acceleration is constant on each interval, and the limits hold at both ends of each interval
-    ("interpolation scheme" of toppra).  Then the motion is examined; limits are tightened all along the path
-    by as much as they are exceeded anywhere, until they hold or nearly so, and time is stretched until they
-    do.
+    ("interpolation scheme" of toppra).  Then the motion is examined; limits are tightened along the whole
+    path by their largest excess until they nearly hold, and time is stretched until they do.
 
     Args:
         pepper: The robot.
@@ -46,7 +45,7 @@ def toppra_motion(pepper: PepperModel, problem: TimingProblem, limits: Limits) -
         limits: The same limits, for the examination.
 
     Raises:
-        InfeasibleError: where there is none, saying why.
+        InfeasibleError: if there is no such motion, with the reason.
     """
     allowed, effects = problem.limits, problem.effects
     best: Trajectory | None = None
@@ -76,14 +75,14 @@ def toppra_motion(pepper: PepperModel, problem: TimingProblem, limits: Limits) -
 
 
 def _inspection_points(trajectory: Trajectory) -> tuple[NDArray[np.intp], Array]:
-    """Return pieces and local times: both ends of every piece and some points inside."""
+    """Return pieces and local times [s] of both ends of every piece and of points inside."""
     h = np.diff(trajectory.breaks)
     share = np.array([0.0, *_INSIDE, 1.0])
     return np.repeat(np.arange(h.size), share.size), (h[:, None] * share).ravel()
 
 
 def _hold_every_millisecond(pepper: PepperModel, trajectory: Trajectory, limits: Limits) -> Trajectory:
-    """Slow down, where need be, until all limits hold, velocity and acceleration at every instant."""
+    """Slow a motion, if necessary, until all limits hold every 1 ms, velocity and acceleration always."""
     while True:
         refuse_long(trajectory.duration)
         state = trajectory(sample_times(trajectory.duration, CHECK_STEP))
@@ -113,8 +112,8 @@ def _fastest_profile(problem: TimingProblem) -> tuple[Array | None, int | None]:
     ends = np.stack([grid.first, grid.first + 1])
     a, b, c = (row[ends][..., finite] for row in (rows.a, rows.b, rows.c))
     c = c - middle
-    # A joint that rests and cannot be held leaves no speed at all, nor does one that needs effort and has
-    # none; toppra would divide by zero.
+    # If a resting joint cannot be held, or a joint needs effort but has none, no speed is possible; toppra
+    # would divide by zero.
     rests = (a == 0) & (b == 0)
     stuck = ((rests & (np.abs(c) > bound)) | (~rests & (bound == 0))).any(axis=(0, 2))
     if stuck.any():
@@ -140,7 +139,7 @@ def _time_unit(a: Array, c: Array, bound: Array, x_most: Array, length: float) -
         c: Values at rest less the middle of their bounds, shape (2, N, r).
         bound: Half the width of the bounds, shape (r,).
         x_most: Upper bounds on x that limits of speed set, shape (k,).
-        length: Of the path, in its parameter.
+        length: Length of the path, in its parameter.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         slack = np.where(a != 0, np.maximum(bound - np.abs(c), 0.0) / np.abs(a), np.inf)
@@ -157,14 +156,14 @@ def _canonical_form(step: Array, a: Array, b: Array, c: Array, x_most: Array) ->
     With v = (rows at the first end, rows at the second end), F v <= g reads v <= 1, -v <= 1.
     At the second end x is x + 2 D u.  Arrays have shape (2, N, r).
 
-    The rows come in groups: toppra multiplies each group by its F, and products above a certain size are
-    handed to threads, whose start costs more than all the rest where the machine is busy.
+    The rows are split into groups: toppra multiplies each group by its F, and products above a certain size
+    use threads, whose start dominates on a busy machine.
     """
     rows = [
         np.concatenate([first, second], axis=-1)
         for first, second in ((a[0], a[1] + 2 * step[:, None] * b[1]), (b[0], b[1]), (c[0], c[1]))
     ]
-    rows = [np.concatenate([row, row[-1:]]) for row in rows]  # the last grid point has no interval
+    rows = [np.concatenate([row, row[-1:]]) for row in rows]  # the last grid point has no interval: repeat
     count = rows[0].shape[-1]
     x_bound = np.stack([np.zeros(x_most.size), np.minimum(x_most, _GREATEST)], axis=-1)
     constraints: list[tuple[Any, ...]] = [(None, None, None, None, None, None, x_bound)]
@@ -177,11 +176,11 @@ def _canonical_form(step: Array, a: Array, b: Array, c: Array, x_most: Array) ->
 
 
 def _solve(s: Array, constraints: list[tuple[Any, ...]]) -> tuple[Array | None, int | None]:
-    """Return the speed at grid points, or the grid point from which the end cannot be reached.
+    """Return the scaled speed at grid points, or the grid point from which the end cannot be reached.
 
     Args:
         s: Path parameter at the grid points, from 0 to 1, shape (N + 1,).
-        constraints: As of `_canonical_form`.
+        constraints: Constraints in toppra's form, as `_canonical_form` returns them.
 
     Returns:
         Speed, shape (N + 1,), or None; and the grid point, or None.
@@ -205,7 +204,7 @@ def _solve(s: Array, constraints: list[tuple[Any, ...]]) -> tuple[Array | None, 
                 return self._params
 
         class GivenInterval:
-            """toppra asks a path for nothing but its interval where coefficients are given."""
+            """Path with only its interval, which is all that toppra needs if coefficients are given."""
 
             path_interval = (s[0], s[-1])
 

@@ -50,9 +50,9 @@ class Trajectory(FrozenArrays):
     at all times agree to 1e-9; see `is_close`.
 
     Attributes:
-        joint_names: Order of every joint vector.
-        breaks: Ends of the pieces [s], shape (m + 1,), rising from 0.
-        coefficients: Constant term first, shape (m, k, n) [rad/s^p or m/s^p].
+        joint_names: Names of the joints, in the order of every joint vector.
+        breaks: Ends of the pieces [s], shape (m + 1,), increasing from 0.
+        coefficients: Coefficients, constant term first, shape (m, k, n) [rad/s^p or m/s^p].
         joint_units: "rad" or "m" for each joint; all "rad" if omitted.
     """
 
@@ -102,29 +102,30 @@ class Trajectory(FrozenArrays):
     ) -> Trajectory:
         """Return the trajectory through positions at given times, such as a recording's.
 
-        It passes every position at its time and is at rest at both ends, or has the velocities given.  It
-        respects no other limit: `check` it, or time it again with `retime(pepper, positions)`.
+        The trajectory passes every position at its time, and is at rest at both ends unless velocities are
+        given.  Limits are not enforced: `check` it, or time it again with `retime(pepper, positions)`.
 
         Args:
             pepper: The robot, whose joints and limits are used: the trajectory has all of its joints; None
                 for a trajectory of `joints` alone, all in radians.
-            times: Rising [s], shape (T,), two or more; the first becomes time 0.
-            positions: [rad or m], shape (T, k), a column for each of `joints`.
-            joints: What the columns are: names of joints and groups, see `PepperModel.resolve_joints`; all
-                joints of the robot if omitted. Without a robot the names of the columns.
-            rest: Where the robot's other joints stay [rad or m], shape (n,); Stand, or neutral, if omitted.
+            times: Increasing times [s], shape (T,), two or more; the first becomes time 0.
+            positions: Joint positions [rad or m], shape (T, k), a column for each of `joints`.
+            joints: Names of joints and groups that the columns are for, see `PepperModel.resolve_joints`; all
+                joints of the robot if omitted.  Without a robot, the names of the columns.
+            rest: Positions of the robot's other joints [rad or m], shape (n,); Stand, or neutral, if omitted.
             interpolation: "cubic": the cubic spline, whose acceleration is continuous; "monotone": cubic
                 pieces that never leave the two positions at their ends, whose acceleration jumps
                 (Fritsch and Butland 1984; `scipy.interpolate.PchipInterpolator`).
-            overshoot: How far a joint may leave the range of its samples, or its limits, without a warning
-                [rad or m].
-            start_velocity: With which it begins [rad/s or m/s], shape (k,), of the columns; None for rest,
-                as of "monotone".
-            end_velocity: With which it ends, likewise: that of the start of what comes `then`.
+            overshoot: Excess over the range of a joint's samples, or over its limits, without a warning [rad
+                or m].
+            start_velocity: Initial velocity of the columns [rad/s or m/s], shape (k,); None for rest, which
+                "monotone" requires.
+            end_velocity: Final velocity of the columns [rad/s or m/s], shape (k,), such as the initial
+                velocity of a trajectory joined by `then`; None for rest, which "monotone" requires.
 
         Raises:
             InvalidValueError: naming the argument, for a wrong shape, NaN, or times that do not increase; for
-                an end in motion of "monotone".
+                a start or end velocity with "monotone".
             UnknownNameError: for a joint or group that the robot lacks, or another interpolation.
 
         Warns:
@@ -151,28 +152,27 @@ class Trajectory(FrozenArrays):
         *,
         start: str | ArrayLike | None = None,
     ) -> Trajectory:
-        """Return the motion through key frames: postures at given times, of all joints or of some.
+        """Return the motion through key frames: postures at given times, of all joints or some.
 
             wave = Trajectory.from_keyframes(
                 pepper, {0.0: "Stand", 1.0: {"RShoulderPitch": -0.9, "RElbowRoll": 1.2}, 2.5: "Stand"}
             )
 
-        A joint moves from one frame that names it to the next that does; it never leaves the two positions
-        in between, and stops where it turns back (a `Timeline` with automatic handles).  Speeds follow from
-        the times alone: `check` it; `enforce_limits` slows it down where it has to, `retime(pepper,
-            postures)`
-        finds the times itself.
+        A joint moves between consecutive frames that name it; it stays between their two positions, and stops
+        where it reverses (a `Timeline` with automatic handles).  Speeds follow from the times alone: `check`
+        it; `enforce_limits` slows it down where necessary, and `retime(pepper, postures)` finds the times
+        itself.
 
         Args:
             pepper: The robot.
-            keyframes: Time [s] -> frame, or pairs of them, with times that rise from 0 or later.  A frame is
-                a posture's name, a mapping from names of joints and groups to positions, or all n positions
-                [rad or m], see `PepperModel.joint_vector`.
-            start: Where joints come from that no frame at time 0 names: a posture's name or positions, shape
-                (n,); Stand, or neutral, if omitted.
+            keyframes: Time [s] -> frame, or pairs (time, frame), with times that increase from 0 or later.  A
+                frame is a posture's name, a mapping from names of joints and groups to positions, or all n
+                positions [rad or m], see `PepperModel.joint_vector`.
+            start: Initial positions of joints that no frame at time 0 names: a posture's name or positions
+                [rad or m], shape (n,); Stand, or neutral, if omitted.
 
         Raises:
-            InvalidValueError: for times that do not increase, no time between them, or a frame that is none.
+            InvalidValueError: for times that do not increase, or an invalid frame.
             UnknownNameError: for a posture, joint or group that the robot lacks.
             LimitError: for a position outside the limits, naming frame and joint.
         """
@@ -197,7 +197,7 @@ class Trajectory(FrozenArrays):
         return State(state[0], state[1], state[2])
 
     def at_segments(self, segment: ArrayLike, local_time: ArrayLike) -> State:
-        """Return the state of chosen segments, which distinguishes the two sides of a break.
+        """Return the state at local times of given pieces, which distinguishes the two sides of a break.
 
         Args:
             segment: Indices of pieces, shape (...).
@@ -208,7 +208,7 @@ class Trajectory(FrozenArrays):
 
         Raises:
             InvalidValueError: for a piece that does not exist, a time that is not a finite number, or shapes
-                that do not go together.
+                that do not broadcast.
         """
         state = checked_derivatives(self.coefficients, segment, local_time, 3)
         return State(state[0], state[1], state[2])
@@ -254,15 +254,15 @@ class Trajectory(FrozenArrays):
         return known(Samples, self.joint_names, self.joint_units, time=time, **self(time)._asdict())
 
     def is_close(self, other: Trajectory, tolerance: float = 1e-9) -> bool:
-        """Return whether two trajectories are the same to a tolerance, however they are cut into pieces.
+        """Return whether two trajectories are equal to a tolerance, however they are cut into pieces.
 
         Args:
             other: The other trajectory.
-            tolerance: Greatest difference of duration [s] and of position, velocity and acceleration
-                [SI units], each compared at as many points of every piece as the polynomials need.
+            tolerance: Maximum difference of duration [s] and of position, velocity and acceleration [SI
+                units], each compared at as many points of every piece as the polynomials need.
 
         Returns:
-            False also where names or units differ.
+            Whether they are equal; False if names or units differ.
         """
         if (self.joint_names, self.joint_units) != (other.joint_names, other.joint_units):
             return False
@@ -274,7 +274,7 @@ class Trajectory(FrozenArrays):
         points = max(self.coefficients.shape[1], other.coefficients.shape[1])
         inside = (np.arange(points) + 0.5) / points
         step = np.diff(knots)
-        real = step > TIME_TOLERANCE  # less is one knot that was rounded in two ways
+        real = step > TIME_TOLERANCE  # shorter steps are one knot that was rounded in two ways
         time = (knots[:-1, None] + step[:, None] * inside)[real].ravel()
         return all(
             np.allclose(mine, theirs, rtol=0.0, atol=tolerance)
@@ -295,10 +295,11 @@ class Trajectory(FrozenArrays):
         return self._derivatives(t, 4)[3]
 
     def jerk_at_segments(self, segment: ArrayLike, local_time: ArrayLike) -> Array:
-        """Return d3q/dt3 of chosen pieces, as `at_segments` does the state, shape (..., n).
+        """Return d3q/dt3 at local times [s] of given pieces [rad/s^3 or m/s^3], shape (..., n).
 
         Raises:
-            InvalidValueError: as `at_segments`.
+            InvalidValueError: for a piece that does not exist, a time that is not a finite number, or shapes
+                that do not broadcast.
         """
         return np.asarray(checked_derivatives(self.coefficients, segment, local_time, 4)[3])
 
@@ -319,14 +320,14 @@ class Trajectory(FrozenArrays):
         return self.scaled(check_positive("duration", duration, "s") / self.duration)
 
     def reversed(self) -> Trajectory:
-        """Return the way back, q(T - t)."""
+        """Return the reversed trajectory, q(T - t)."""
         return editing.backward(self)
 
     def between(self, start: float, end: float) -> Trajectory:
         """Return the part from one time to another [s], which then begins at zero.
 
         Raises:
-            InvalidValueError: for times outside [0, duration], or no time between them.
+            InvalidValueError: for times outside [0, duration], or an end that is not after the start.
         """
         return editing.between(self, start, end)
 
@@ -334,51 +335,53 @@ class Trajectory(FrozenArrays):
         """Return this trajectory with another one after it.
 
         Raises:
-            InvalidValueError: where joints differ, or position or velocity do not meet to 1e-6.
+            InvalidValueError: if joints differ, or position or velocity differ by more than 1e-6 where they
+                meet.
         """
         return editing.joined(self, other)
 
     def blend(self, other: Trajectory, overlap: float) -> Trajectory:
-        """Return this trajectory with another one that sets out `overlap` [s] before this one ends.
+        """Return this trajectory with another one that begins `overlap` [s] before this one ends.
 
-        For that time both motions are added, q(t) = q_1(t) + q_2(t - T_1 + overlap) - q_via: the way-point is
-        cut instead of stopped at.  The sum may exceed limits that each motion keeps, and leaves the paths of
-        both: check it, and stretch it where need be.
+        During the overlap both motions are added, q(t) = q_1(t) + q_2(t - T_1 + overlap) - q_via, so that the
+        robot passes near the way-point instead of stopping there.  The sum may exceed limits that each motion
+        keeps, and leaves the paths of both: check it, and slow it down if necessary.
 
         Raises:
-            InvalidValueError: where joints differ, the two do not meet, or one is shorter than the overlap.
+            InvalidValueError: if joints differ, the two do not meet, or one is shorter than the overlap.
         """
         return editing.blended(self, other, overlap)
 
     def stop(self, pepper: PepperModel, at: float, how: str = "path", **options: Any) -> Stop:
-        """Return the hardest stop from an instant on, which begins at position and velocity of this motion.
+        """Return the fastest stop from an instant on, which begins at position and velocity of this motion.
 
-        "path": along the way of this motion, only slower, within limits of acceleration at every instant,
-        and of torque and balance at the nodes of intervals of at most 5 ms with a reserve between.  Where
-        this motion keeps its limits and the robot could rest anywhere on the way, there always is one, and
-        no other leaves less of the way behind: on every interval it has the least d2s/dt2 that
+        "path": along the path of this motion, within acceleration limits at every instant, and within torque
+        and balance limits at the nodes of intervals of at most 5 ms, with a reserve in between.  If this
+        motion keeps its limits and the robot could rest anywhere on the path, such a stop always exists, and
+        no other is shorter along the path: on every interval it has the minimum d2s/dt2 that
             |q'' x + q' d2s/dt2| <= a  and  |torque| <= tau,  x = (ds/dt)^2,
-        allow (`pepper_kin.core.timing.stopping`).  With `jerk` a smooth slow-down is tried that keeps all
-        limits (not the fastest), else the rest of the motion is the stop: often so where the motion itself
-        is at its jerk limits, and `Stop.how` says so.
-        "joints": every joint brakes by itself, with the same share of its acceleration limit, and with its
-        jerk limit where `jerk` is given.  It leaves the way.  Positions, torque and balance are examined, and
-        `Stop.exceeded` names those that no share tried keeps.
+        allow (`pepper_kin.core.timing.stopping`).  With `jerk`, smooth slow-downs are tried (not the
+        fastest); if none keeps all limits, the remaining motion is the stop, and `Stop.how` says so: this is
+        frequent if the motion itself is at its jerk limits.
+
+        "joints": every joint brakes by itself, with the same fraction of its acceleration limit, and with its
+        jerk limit if `jerk` is given.  The robot leaves the path.  Positions, torque and balance are
+        examined, and `Stop.exceeded` names the exceeded limits if no fraction tried keeps all of them.
 
         Args:
             pepper: The robot, which gives the limits.
-            at: The instant [s].
+            at: Time of the instant [s].
             how: "path" or "joints".
-            **options: `scene`, around which the clearance is measured, its obstacles moving from time 0 of
+            **options: `scene`, for which the clearance is measured, with obstacles that move from time 0 of
                 this motion on, and whose attached objects count with their mass; `torque`, False to leave it
-                out; `torque_scale`, `balance` [m], `jerk` and `payload` as in `retime`, but all torque and no
-                balance unless they are given, so that a stop is as short as can be.
+                out; `torque_scale`, `balance` [m], `jerk` and `payload` as in `retime`, but by default full
+                torque and no balance, so that a stop is as short as possible.
 
         Raises:
             InvalidValueError: for joints that are not the robot's, a time outside the motion, an option out
                 of range.
             UnknownNameError: for another way to stop.
-            InfeasibleError: of "path", where the motion ends before it can stop, or passes a posture that the
+            InfeasibleError: for "path", if the motion ends before it can stop, or passes a posture that the
                 robot could not hold.
         """
         return stop(pepper, self, at, how=how, **options)
@@ -386,36 +389,37 @@ class Trajectory(FrozenArrays):
     def replaced(
         self, pepper: PepperModel, at: float, goal: ArrayLike | Trajectory, **options: Any
     ) -> Splice:
-        """Return this motion until an instant, and from there the way to a new goal, if possible in motion.
+        """Return this motion until an instant, then the motion to a new goal, if possible without a stop.
 
-        Straight to rest, each joint with a share of its acceleration limit, or more to turn within its range;
-        or onto another motion and along it, left for now or on the way to a `stop`.  Joints arrive together
-        (`pepper_kin.core.timing.steering`; with `jerk`, `pepper_kin.trajectory.splice`); without
-        `jerk` accelerations may jump.  Limits of position, velocity, acceleration and jerk hold at every
-        instant; torque and balance are examined every millisecond and beside every knot; that nothing is
-        touched is proven for the new way, of a stop looked at every millisecond.  Where no share tried will
-        do, or only such a small one that a stop and the way from there end sooner, the motion stops first,
-        and `Splice.how` says so.
+        The new motion goes straight to rest, each joint with a fraction of its acceleration limit, or more to
+        turn within its range; or it joins another motion, now or during a `stop`.  Joints arrive together
+        (`pepper_kin.core.timing.steering`; with `jerk`, `pepper_kin.trajectory.splice`); without `jerk`,
+        accelerations may jump.  Limits of position, velocity, acceleration and jerk hold at every instant;
+        torque and balance are examined every millisecond and on both sides of every knot.  The new motion is
+        proven to touch nothing; a stop is examined for contact every millisecond.  If no fraction tried
+        suffices, or only one so small that stopping first is faster, the motion stops first, and `Splice.how`
+        says so.
 
         Args:
             pepper: The robot, which gives the limits.
-            at: The instant [s].
-            goal: Joint positions [rad or m], shape (n,); or a motion that keeps limits and touches nothing,
-                best one that begins where `stop` ends.
+            at: Time of the instant [s].
+            goal: Joint positions [rad or m], shape (n,); or a trajectory that keeps limits and touches
+                nothing, preferably one that begins where `stop` ends.
             **options: `scene`, which no body may touch; `torque`, False to leave it out; `torque_scale`,
-                `balance` [m] and `jerk` as in `retime`: with `jerk` accelerations are continuous, too, but at
-                the start of a stop of a motion without jerk limits.
+                `balance` [m] and `jerk` as in `retime`: with `jerk`, accelerations are continuous too, except
+                at the start of a stop of a motion without jerk limits.
 
         Raises:
             InvalidValueError: for joints that are not the robot's or have no limits, a time outside the
                 motion, a wrong shape, NaN, or a goal at which the robot rests already.
             LimitError: for a goal outside the position limits.
-            InfeasibleError: where no way keeps all limits, naming those that the first exceeds.
+            InfeasibleError: if no motion tried keeps all limits, naming the limits that the straight one
+                exceeds.
         """
         return replaced(pepper, self, at, goal, **options)
 
     def active_limits(self, pepper: PepperModel, t: ArrayLike | None = None, **limits: Any) -> ActiveLimits:
-        """Return which limit acts at times t [s], shape (T,); see `pepper_kin.trajectory.active_limits`."""
+        """Return the limit used most at times t [s], (T,); see `pepper_kin.trajectory.active_limits`."""
         return active_limits(pepper, self, t, **limits)
 
     def check(self, pepper: PepperModel, scene: Any = None, **limits: Any) -> Certificate:
@@ -423,18 +427,18 @@ class Trajectory(FrozenArrays):
         return check(pepper, self, scene=scene, **limits)
 
     def plot(self, pepper: PepperModel, path: str | Path | None = None, **options: Any) -> Any:
-        """Draw it against the limits, and the phase plane; see `pepper_kin.trajectory.plot`."""
+        """Draw the trajectory against its limits, and the phase plane; see `pepper_kin.trajectory.plot`."""
         return plot(pepper, self, path, **options)
 
     def _derivatives(self, t: ArrayLike, count: int) -> Array:
-        """Return value and derivatives at times, shape (count, ..., n); see `_within`."""
+        """Return the value and first derivatives at times [s], shape (count, ..., n)."""
         time, n = self._within(t), self.coefficients.shape[2]
         state, flat = np.empty((count, *time.shape, n)), time.reshape(-1)
         evaluate_at_times(self.breaks, self.coefficients, flat, state.reshape(count, flat.size, n))
         return state
 
     def _within(self, t: ArrayLike) -> Array:
-        """Return times [s], shape (...), as new numbers within [0, duration].
+        """Return a copy of times [s], shape (...), clamped to [0, duration].
 
         Raises:
             InvalidValueError: for a time that is NaN or more than 1e-9 s outside.
@@ -451,17 +455,17 @@ class Trajectory(FrozenArrays):
 def known_trajectory(
     names: tuple[str, ...], units: tuple[str, ...], breaks: Array, coefficients: Array
 ) -> Trajectory:
-    """Return the trajectory of arrays that are known to be right, without checks.
+    """Return the trajectory of arrays that are known to be valid, without checks.
 
     For code that has just computed breaks [s], shape (m + 1,), and coefficients, constant term first, shape
-    (m, k, n); they are copied, to memory that cannot be written to.
+    (m, k, n); both are copied and made read-only.
     """
     arrays = {"breaks": read_only(breaks), "coefficients": read_only(coefficients)}
     return known(Trajectory, names, units, **arrays)
 
 
 def checked_trajectory(value: Trajectory) -> Trajectory:
-    """Return a trajectory; anything else is refused by name, such as a plan, which has no times."""
+    """Return the argument if it is a trajectory; refuse other types, such as a plan, which has no times."""
     if not isinstance(value, Trajectory):
         allowed = "a Trajectory: of a plan that of retime(), of other results their `trajectory`"
         raise InvalidValueError("trajectory", f"a {type(value).__name__}", allowed)

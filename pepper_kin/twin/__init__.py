@@ -1,11 +1,11 @@
-"""The twin: the robot's dynamics with its servos, stepped through time.
+"""The twin: simulation of the robot's dynamics with its servos.
 
-    Twin, TwinState, Run, RunStatus, load_run         one robot; what a run logged
-    TwinBatch, BatchRun                       thousands, each with separate parameters
+    Twin, TwinState, Run, RunStatus, load_run         one robot, and the log of a run
+    TwinBatch, BatchRun                       thousands of robots, each with its own parameters
     Push, ActuatorParameters, actuator_parameters
-    JointResponse, joint_response             how joints follow the targets of `setAngles`, as measured
-    run_real_time, Timing                     steps against the wall clock
-    Recorder, Recording, load_recording       everything on disk, resumable
+    JointResponse, joint_response             measured response of joints to targets of `setAngles`
+    run_real_time, Timing                     steps synchronized with the wall clock
+    Recorder, Recording, load_recording       complete recordings on disk, resumable
     Integrator, DivergedError, WorldHook, SensorsHook     for your own worlds and sensors
 
 Its packages: `world` (contacts and free bodies), `sensors`, `base` (wheels, odometry, tipping).

@@ -16,8 +16,8 @@ from pepper_kin.twin.actuators import ActuatorParameters
 
 DETAILS = ("servo", "motor", "measured")
 
-_STOP_RATIO = 200.0  # a joint stop is this much stiffer than the servo
-_STOP_TIME = 0.002  # [s] damping of a joint stop / its stiffness
+_STOP_RATIO = 200.0  # stiffness of a joint stop over the servo's
+_STOP_TIME = 0.002  # damping of a joint stop over its stiffness [s]
 _MOTOR = (
     "rotor_inertia",
     "viscous_friction",
@@ -34,17 +34,17 @@ _MOTOR = (
 def actuator_parameters(pepper: PepperModel, detail: str = "servo") -> ActuatorParameters:
     """Return the actuators of a robot.
 
-    Pepper's come from `model/data/actuators.json`, each with its source or "assumed".  Any other joint gets
-    a generic one: full torque at 5 mrad (5 mm) of error, or 50 rad/s where the torque is unlimited, and
-    critical damping for the joint's own inertia in the neutral posture.
+    Parameters of Pepper's actuators are read from `model/data/actuators.json`, each with its source or
+    "assumed".  Any other joint gets a generic actuator: full torque at 5 mrad (5 mm) of error, or a natural
+    frequency of 50 rad/s if the torque is unlimited, and critical damping for the joint's own inertia in the
+    neutral posture.
 
     Args:
         pepper: The robot.
-        detail: "servo": gains, torque limits and stops alone; "motor": with the friction of the description
-            and, where the data file has them, rotor inertia, friction, torque-speed line, encoder and
-            latency; "measured":
-            as "motor", with the stiffness that a robot's sag under gravity shows, a quarter to a half of what
-            is assumed, where it was measured.
+        detail: "servo": only gains, torque limits and stops; "motor": also the friction of the description
+            and, if the data file has them, rotor inertia, friction, torque-speed line, encoder and latency;
+            "measured": as "motor", with measured stiffness where available, from a robot's sag under gravity:
+            a quarter to a half of the assumed stiffness.
 
     Returns:
         The parameters; torque limits are the URDF's effort limits.
@@ -83,7 +83,7 @@ def _with_motors(servo: ActuatorParameters, known: dict[str, dict[str, Any]]) ->
 
 
 def _with_measured_stiffness(motors: ActuatorParameters) -> ActuatorParameters:
-    """Return actuators as stiff as a robot's were, with the damping ratio that they had."""
+    """Return actuators with the measured stiffness of a robot and an unchanged damping ratio."""
     measured = actuator_data()["measured"]
     stiffness, damping, sources = {}, {}, list(motors.sources)
     for name, (value, _, _, source) in measured["joints"].items():
@@ -96,14 +96,14 @@ def _with_measured_stiffness(motors: ActuatorParameters) -> ActuatorParameters:
 
 
 def measured_ranges(pepper: PepperModel) -> dict[str, dict[str, tuple[float, float]]]:
-    """Return what is known of a real Pepper's actuators beside `actuator_parameters(pepper)`.
+    """Return measured ranges of a real Pepper's actuators, relative to `actuator_parameters(pepper)`.
 
     Args:
         pepper: The robot.
 
     Returns:
-        "stiffness" -> joint -> least and greatest factor, for the joints that were measured; "latency" -> ""
-        -> least and greatest time [s], from that of the twin to that of commands that a robot was sent.
+        "stiffness" -> joint -> minimum and maximum factor, for measured joints; "latency" -> "" -> minimum
+        and maximum time [s], from the twin's default to the latency of commands on a robot.
     """
     usual, found = actuator_parameters(pepper), {}
     for name, (_, low, high, _) in actuator_data()["measured"]["joints"].items():

@@ -1,4 +1,4 @@
-"""Parameters of actuators as the compiled actuator model takes them."""
+"""Parameters of actuators in the form of the compiled actuator model."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from pepper_kin.model import PepperModel
 from pepper_kin.twin.actuators import POSITION, QUANTITIES, TORQUE, ActuatorParameters
 
 _SAME = tuple(name for name in ActuatorTable._fields if name in QUANTITIES and name != "strength")
-"""Rows that are quantities as they are."""
-_FAR = 1e12  # [rad or m] stands for infinity in a joint's range, so that 0 times it is 0
+"""Names of rows that are copied unchanged from the parameters."""
+_FAR = 1e12  # substitute for infinite position limits, so that 0 times it is 0 [rad or m]
 
 
 def actuator_table(pepper: PepperModel, actuators: ActuatorParameters) -> ActuatorTable:
@@ -19,7 +19,8 @@ def actuator_table(pepper: PepperModel, actuators: ActuatorParameters) -> Actuat
 
     Args:
         pepper: The robot.
-        actuators: Of its joints; those of k robots, one after the other, give the shape (k n,).
+        actuators: Actuators of its joints; parameters of k robots, one after the other, give the shape (k
+            n,).
     """
     strength = np.array(actuators.strength)
     robots = strength.size // pepper.n
@@ -48,10 +49,10 @@ def actuator_table(pepper: PepperModel, actuators: ActuatorParameters) -> Actuat
 
 
 def check_joints(pepper: PepperModel, actuators: ActuatorParameters) -> None:
-    """Refuse actuators of other joints.
+    """Refuse actuators of other joints than the robot's.
 
     Raises:
-        InvalidValueError: naming both.
+        InvalidValueError: for such actuators, naming their joints and the robot's.
     """
     if actuators.joint_names != pepper.joint_names:
         raise InvalidValueError(

@@ -26,7 +26,7 @@ QUANTITIES = (*_GIVEN, *_ZERO, *_UNBOUNDED, "strength")
 class ActuatorParameters(FrozenArrays):
     """Actuators of all joints; see `pepper_kin.core.simulation.actuator_model` for their torque.
 
-    What is wanted of an actuator depends on its mode:
+    The demand u of an actuator depends on its mode:
 
     * "position": u = stiffness (q_ref - q) + damping (v_ref - v) + feed-forward
     * "velocity": u = damping (v_ref - v) + feed-forward
@@ -35,31 +35,31 @@ class ActuatorParameters(FrozenArrays):
     and the torque is tau = strength clip(u, the motor's torque range at its speed).
 
     Attributes:
-        joint_names: The joints.
-        stiffness: Kp [N m/rad or N/m], shape (n,), not below zero.
-        damping: Kd [N m s/rad or N s/m], shape (n,), not below zero.
-        torque_limit: [N m or N], shape (n,), above zero, inf for none.
-        stop_stiffness: Of the joint stops at the position limits [N m/rad or N/m], shape (n,).
-        stop_damping: Of the joint stops [N m s/rad or N s/m], shape (n,).
-        sources: Where each joint's stiffness and damping come from, or "assumed".
+        joint_names: Names of the joints.
+        stiffness: Gain Kp [N m/rad or N/m], shape (n,), not below zero.
+        damping: Gain Kd [N m s/rad or N s/m], shape (n,), not below zero.
+        torque_limit: Torque limits [N m or N], shape (n,), above zero, inf for none.
+        stop_stiffness: Stiffness of the joint stops at the position limits [N m/rad or N/m], shape (n,).
+        stop_damping: Damping of the joint stops [N m s/rad or N s/m], shape (n,).
+        sources: Source of each joint's stiffness and damping, or "assumed".
         mode: "position", "velocity" or "torque" for each joint; "position" if omitted.
-        strength: What NAOqi calls stiffness, 0 to 1: the share of its torque that the motor applies, shape
+        strength: Fraction of its torque that the motor applies, 0 to 1, which NAOqi calls stiffness, shape
             (n,); 1 if omitted.
-        rotor_inertia: Of the motor's rotor, reflected through its gear [kg m^2 or kg], shape (n,); 0 if
-            omitted.
-        viscous_friction: [N m s/rad or N s/m], shape (n,); 0 if omitted.
-        coulomb_friction: [N m or N], shape (n,); 0 if omitted.
+        rotor_inertia: Inertia of the motor's rotor, reflected through its gear [kg m^2 or kg], shape (n,); 0
+            if omitted.
+        viscous_friction: Viscous friction [N m s/rad or N s/m], shape (n,); 0 if omitted.
+        coulomb_friction: Coulomb friction [N m or N], shape (n,); 0 if omitted.
         stall_torque: Torque of the motor at rest without the torque limit [N m or N], shape (n,); inf if
             omitted.
         no_load_speed: Speed at which the motor's torque is zero [rad/s or m/s], shape (n,); inf if omitted.
-        encoder_resolution: The servo reads positions in multiples of this [rad or m], shape (n,); 0 (exact)
+        encoder_resolution: Resolution of the positions that the servo reads [rad or m], shape (n,); 0 (exact)
             if omitted.
-        backlash: Half the play of the gear, as in `JointResponse`, between the position wanted and the one
-            that a servo in position mode holds [rad or m], shape (n,); 0 if omitted.
-        continuous_torque: Torque that the motor gives for ever without overheating; the torque limit falls to
-            it as the motor gets hot [N m or N], shape (n,); inf, always cold, if omitted.
-        thermal_time: Time constant of that heating, many timesteps [s], shape (n,); inf if omitted.
-        latency: Commands act this much later [s], rounded to timesteps of the twin.
+        backlash: Half the play of the gear between the reference position and the position that a servo in
+            position mode holds [rad or m], shape (n,); 0 if omitted.
+        continuous_torque: Torque that the motor can apply permanently without overheating; the torque limit
+            falls to it as the motor gets hot [N m or N], shape (n,); inf, always cold, if omitted.
+        thermal_time: Time constant of the heating, many timesteps [s], shape (n,); inf if omitted.
+        latency: Delay of commands [s], rounded to timesteps of the twin.
     """
 
     joint_names: tuple[str, ...]
@@ -123,10 +123,10 @@ class ActuatorParameters(FrozenArrays):
         object.__setattr__(self, "mode", mode)
 
     def _refuse(self, quantity: str, array: Array, wrong: NDArray[np.bool_], allowed: str) -> None:
-        """Refuse numbers of the joints, shape (n,), some of which are wrong, shape (n,).
+        """Refuse values of the joints, shape (n,), if any is marked as wrong, shape (n,).
 
         Raises:
-            InvalidValueError: naming the first joint whose number is wrong.
+            InvalidValueError: for a wrong value, naming the first such joint.
         """
         if wrong.any():
             j = int(np.argmax(wrong))
@@ -146,11 +146,11 @@ class ActuatorParameters(FrozenArrays):
         """Return a copy with other values.
 
         Args:
-            mode: One mode for all joints, one for each, or by name of joint.
-            latency: [s].
-            **quantities: Any attribute with one number for each joint, such as `stiffness` or
-                `torque_limit`: one number for all joints, shape (n,), or a mapping from names of joints, of
-                which those not named keep their value.
+            mode: One mode for all joints, one for each joint, or modes by joint name.
+            latency: Delay of commands [s].
+            **quantities: Any attribute with one number for each joint, such as `stiffness` or `torque_limit`:
+                one number for all joints, shape (n,), or numbers by joint name; other joints keep their
+                value.
 
         Raises:
             InvalidValueError: naming joint and quantity, for a value that is not allowed.

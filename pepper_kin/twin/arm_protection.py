@@ -1,4 +1,4 @@
-"""Arms kept off the body and the scene, as a robot keeps them: at the nearest posture that is clear."""
+"""Protection of the arms from contact with the body and the scene, by the nearest clear posture."""
 
 from __future__ import annotations
 
@@ -14,35 +14,34 @@ from pepper_kin.core.quadratic_program import solve_program
 from pepper_kin.model import PepperModel
 
 KEPT = 0.003
-"""Distance that arms keep [m]."""
+"""Distance that arms keep from bodies [m]."""
 
 TOUCH = 0.001
-"""Distance below which an arm comes no nearer, whatever it is sent to [m]."""
+"""Distance below which an arm comes no nearer, for any target [m]."""
 
 LOOK = 0.15
-"""Distance within which bodies are looked at [m]: no hand moves that far in a cycle."""
+"""Distance within which bodies are considered [m]: no hand moves that far in a cycle."""
 
 DAMPING = 0.25
-"""Share of the distance left, less `KEPT`, by which an arm may come nearer in a cycle."""
+"""Fraction of the distance minus `KEPT` by which an arm may come nearer in a cycle."""
 
 SLIDING = 0.25
-"""Share of their fastest speed by which joints move at most while an arm is kept from something, and until
-those that were kept back have caught up: what follows with a lag would cut the corner otherwise."""
+"""Maximum fraction of velocity limits while an arm is kept off a body, so that lag does not cut corners."""
 
 REACH = 0.8
-"""No point of an arm is farther from the axis of one of its joints [m]."""
+"""Upper bound on the distance of any point of an arm from any of its joint axes [m]."""
 
 _CLOSER = 1e-6  # [m]
 
 
 @dataclass
 class ProtectedArm:
-    """An arm and what it is kept from.
+    """An arm, and the bodies that it is kept off.
 
     Attributes:
-        joints: Places of its joints in the model, without the hand's, shape (k,).
-        from_body: Whether it is kept from the robot's other links.
-        from_scene: Whether it is kept from the scene.
+        joints: Indices of the arm's joints in the model, without the hand's, shape (k,).
+        from_body: Whether the arm is kept off the robot's other links.
+        from_scene: Whether the arm is kept off the scene.
     """
 
     joints: NDArray[np.intp]
@@ -70,8 +69,8 @@ class ArmProtection:
     Attributes:
         pepper: The model.
         cycle: Time from one posture to the next [s].
-        arms: By name.
-        active: Whether any arm is protected at all.
+        arms: Arm name -> arm.
+        active: Whether protection is active.
     """
 
     pepper: PepperModel
@@ -82,22 +81,22 @@ class ArmProtection:
     def allowed(
         self, before: Array, wanted: Array, scene: Scene | None = None, free: Set[int] = frozenset()
     ) -> Array:
-        """Return the positions after a cycle that are nearest to the wanted ones and allowed, shape (n,).
+        """Return the allowed positions after a cycle that are nearest to the wanted ones, shape (n,).
 
-        Joints that belong to no protected arm go where they are wanted, and an arm that is wanted where it is
-        stays there, however near.  Those x of the other arms minimize |x - wanted|^2 within the limits of
-        position and velocity, with
+        Joints of no protected arm take the wanted positions, and an arm without motion stays, however near it
+        is.  The positions x of the other arms' joints minimize |x - wanted|^2 within position and velocity
+        limits, with
 
             g . (x - before) >= DAMPING (KEPT - d),   without DAMPING where d < KEPT,
 
         for each pair of bodies at a distance d with the gradient g (velocity dampers: Faverjon and
-        Tournassoud, 1987): arms slide along what they meet.  Where these contradict one another, no pair
-        comes nearer.  Distances are not linear: an arm by which a body would come nearer than `TOUCH` stays.
+        Tournassoud, 1987): arms slide along bodies.  If these constraints are infeasible, no pair comes
+        nearer.  Distances are not linear: an arm that would bring a body nearer than `TOUCH` stays.
 
         Args:
-            before: Allowed positions of the cycle before [rad or m], shape (n,).
-            wanted: [rad or m], shape (n,).
-            scene: What stands around the robot.
+            before: Allowed positions of the previous cycle [rad or m], shape (n,).
+            wanted: Wanted positions [rad or m], shape (n,).
+            scene: The world around the robot.
             free: Joints of arms that are not protected in this cycle.
         """
         arms = [
@@ -113,7 +112,7 @@ class ArmProtection:
         joints = np.concatenate([arm.joints for arm in arms])
         now, most = before[joints], self.pepper.velocity_limits[joints] * self.cycle
         aim, start, result = wanted[joints], wanted.copy(), wanted.copy()
-        behind = np.abs(aim - now) > most * (1.0 + 1e-9)  # of what was wanted before
+        behind = np.abs(aim - now) > most * (1.0 + 1e-9)  # joints that lag behind the wanted positions
         speeds = np.where(behind, SLIDING * most, most)
         low = np.maximum(now - speeds, np.minimum(self.pepper.lower_limits[joints], now))
         high = np.minimum(now + speeds, np.maximum(self.pepper.upper_limits[joints], now))
@@ -136,7 +135,7 @@ class ArmProtection:
             clear = solve_program(identity, -aim, low, high, rows, np.minimum(least, 0.0) + base)
         result[joints] = now if clear is None else clear
         moved = result[joints] - now
-        curved = 0.5 * REACH * float(np.abs(moved).sum()) ** 2  # by what distances may differ from lines
+        curved = 0.5 * REACH * float(np.abs(moved).sum()) ** 2  # bound on nonlinearity of distances
         if (rows @ moved - left).min() + KEPT - curved < TOUCH:
             self._hold(arms, near, start, result, scene)
         return result
@@ -149,14 +148,14 @@ class ArmProtection:
         result: Array,
         scene: Scene | None,
     ) -> None:
-        """Leave out the steps of arms by which a body comes nearer than `TOUCH`.
+        """Undo the steps of arms that bring a body nearer than `TOUCH`.
 
         Args:
-            arms: Those that are protected.
-            near: Pairs that were near before.
-            start: Positions before [rad or m], shape (n,).
-            result: After the cycle, shape (n,); changed.
-            scene: What stands around the robot.
+            arms: The protected arms.
+            near: Pairs of bodies that were near before.
+            start: Positions before the cycle [rad or m], shape (n,).
+            result: Positions after the cycle [rad or m], shape (n,); changed in place.
+            scene: The world around the robot.
         """
         after = near_pairs(self.pepper, result, TOUCH, scene)
         if not len(after):
@@ -171,10 +170,10 @@ class ArmProtection:
 
 
 def arm_protection(pepper: PepperModel, cycle: float) -> ArmProtection:
-    """Return the protection of Pepper's arms against its own body, from shoulder to wrist; hands are open.
+    """Return the protection of Pepper's arms from its own body, from shoulder to wrist; hands are open.
 
     Args:
-        pepper: The robot; arms of which it has no joint are left out.
+        pepper: The robot; arms without any joint are left out.
         cycle: Time from one posture to the next [s].
     """
     names = ("ShoulderPitch", "ShoulderRoll", "ElbowYaw", "ElbowRoll", "WristYaw")

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from pepper_kin.collision import Scene
 
 PerRobot = ArrayLike | Mapping[str, ArrayLike]
-"""Numbers of shape (), (n,), (N, 1) or (N, n), or joint -> one number or shape (N,)."""
+"""Values of N robots, shape (), (n,), (N, 1) or (N, n), or joint -> one number or shape (N,)."""
 
 
 def actuators_of_all(
@@ -30,9 +30,9 @@ def actuators_of_all(
     """Return the actuators of N robots, one robot after the other, so that there are N n joints.
 
     Args:
-        count: N.
-        actuators: What they have in common.
-        vary: Quantity of `ActuatorParameters` -> what each robot has instead.
+        count: Number N of robots.
+        actuators: Common actuators of the robots.
+        vary: Quantity of `ActuatorParameters` -> individual values of the robots.
 
     Raises:
         UnknownNameError: for a quantity or a joint that is not known.
@@ -80,11 +80,11 @@ def broadcast(value: ArrayLike, quantity: str, shape: tuple[int, ...]) -> Array:
 
 
 def mass_factors(pepper: PepperModel, count: int, scale: Mapping[str, ArrayLike] | None) -> Array | None:
-    """Return the factors of the mass that moves with each joint, shape (N, n); None if all are 1.
+    """Return factors of the mass that moves with each joint, shape (N, n); None if all are 1.
 
     Args:
         pepper: The robot.
-        count: N.
+        count: Number N of robots.
         scale: Joint, or group of joints -> factor above zero, one number or shape (N,).
 
     Raises:
@@ -104,11 +104,11 @@ def mass_factors(pepper: PepperModel, count: int, scale: Mapping[str, ArrayLike]
 def loads_of_all(
     pepper: PepperModel, count: int, payload: Mapping[str, ArrayLike] | None, scene: Scene | None
 ) -> dict[str, Array]:
-    """Return frame -> inertial parameters of what it carries, shape (N, PARAMETERS).
+    """Return frame -> inertial parameters of the frame's load, shape (N, PARAMETERS).
 
     Args:
         pepper: The robot.
-        count: N.
+        count: Number N of robots.
         payload: "left", "right" or frame -> point mass at its origin [kg], one number or shape (N,).
         scene: The scene whose attached objects count, for all robots; None for none.
 
@@ -130,13 +130,13 @@ def loads_of_all(
 
 
 def _positive(value: ArrayLike, quantity: str, count: int, least: float | None) -> Array:
-    """Return numbers for all robots, shape (N,), from one number or shape (N,), if they are not too small.
+    """Return numbers for all robots, shape (N,), from one number or shape (N,), after checks.
 
     Args:
         value: The numbers, in the unit of the quantity.
-        quantity: Named in errors.
-        count: N.
-        least: Least that is allowed; None for all above zero.
+        quantity: Name of the quantity in errors.
+        count: Number N of robots.
+        least: Minimum allowed value; None for any value above zero.
     """
     array = as_finite(broadcast(value, quantity, (count,)), quantity, (count,))
     wrong = array <= 0 if least is None else array < least

@@ -19,16 +19,16 @@ class BatchRun(FrozenArrays):
 
     Attributes:
         joint_names: Order of the columns.
-        time: Of the rows [s], shape (rows,), from 0.
-        position: [rad or m], shape (N, rows, n).
-        velocity: [rad/s or m/s], shape (N, rows, n).
-        torque: Of the actuators during the step that ends at each time; the first row is their torque at
-            the start [N m or N], shape (N, rows, n).
-        reference_position: What the servos were to follow [rad or m], shape (N or 1, rows, n).
-        final_position: At the end, or the last good one of a robot that stopped [rad or m], shape (N, n).
-        final_velocity: The same [rad/s or m/s], shape (N, n).
+        time: Times of the rows [s], shape (rows,), from 0.
+        position: Joint positions [rad or m], shape (N, rows, n).
+        velocity: Joint velocities [rad/s or m/s], shape (N, rows, n).
+        torque: Actuator torques during the step that ends at each time [N m or N], shape (N, rows, n); the
+            first row is the torque at the start.
+        reference_position: Reference positions of the servos [rad or m], shape (N or 1, rows, n).
+        final_position: Final position, or the last good one of a robot that stopped [rad or m], shape (N, n).
+        final_velocity: Final velocity, or the last good one [rad/s or m/s], shape (N, n).
         good_steps: Number of good steps of each robot, shape (N,).
-        messages: Robot -> why it stopped, naming joint, step and cause.
+        messages: Robot -> reason why it stopped, naming joint, step and cause.
     """
 
     joint_names: tuple[str, ...]
@@ -53,7 +53,7 @@ class BatchRun(FrozenArrays):
 
     @property
     def success(self) -> NDArray[np.bool_]:
-        """Which robots went to their end, shape (N,)."""
+        """Whether each robot completed the run, shape (N,)."""
         result = np.ones(len(self), dtype=bool)
         result[list(self.messages)] = False
         return result
@@ -69,7 +69,7 @@ class BatchRun(FrozenArrays):
         return np.sqrt(np.mean(self.tracking_error**2, axis=1))
 
     def report(self) -> str:
-        """Return how many robots went to their end, and why the first of the others did not."""
+        """Return how many robots completed the run, and why the first other robot stopped."""
         stopped = len(self.messages)
         text = f"{len(self)} twins, {self.time[-1]:.3f} s: {len(self) - stopped} completed, {stopped} stopped"
         if not stopped:

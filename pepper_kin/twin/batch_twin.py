@@ -1,4 +1,4 @@
-"""Many twins at once, each with its own parameters."""
+"""Batches of twins, each with its own parameters."""
 
 from __future__ import annotations
 
@@ -45,39 +45,40 @@ if TYPE_CHECKING:
 
 
 MOST_ROBOTS = 1_000_000
-COMMANDS = ("held", "linear", "shaped")  # in the order of their numbers in `shaped_steps`
-GREATEST_LATENCY = 1.0  # [s] of commands of `step`, which are kept that long
-FASTEST = 1e6  # [rad/s or m/s, and the same squared] of commands without a limit
+COMMANDS = ("held", "linear", "shaped")  # kinds of commands, in the order of their ids in `shaped_steps`
+GREATEST_LATENCY = 1.0  # maximum latency of commands of `step`, which are stored that long [s]
+FASTEST = 1e6  # velocity [rad/s or m/s] and acceleration [rad/s^2 or m/s^2] of commands without a limit
 
 
 class TwinBatch:
     """N independent robots of one kind, stepped together by vector machine code.
 
-    Each agrees with a `Twin` of its parameters to 1e-9.  With a world, each robot has its own, which
-    begins as a copy of it, and is stepped by `step` alone, robot by robot.
+    Each robot agrees with a `Twin` of the same parameters to 1e-9.  With a world, each robot has its own
+    copy, and only `step` can be used, which steps robot by robot.
 
     Args:
         pepper: The robot.
-        count: N.
+        count: Number N of robots.
         timestep: Time of one step [s], above 0 and at most 0.05.
-        feedforward: "none", "gravity" or "inverse_dynamics", as for `Twin`; computed for the robot as it is
-            described, since a robot's controller uses the nominal masses.
-        actuators: What the robots' actuators have in common; `actuator_parameters(pepper)` if omitted.
-        vary: Quantity of `ActuatorParameters`, such as "stiffness" -> what each robot has instead: numbers of
-            shape (n,), (N, 1) or (N, n), or joint -> shape (N,); or "latency" -> times [s], one number or
-            shape (N,).
-        mass_scale: Joint, or group of joints -> factor of the mass and inertia of the links that move with it
-            (not of those beyond the next joint), one number or shape (N,).
-        payload: "left", "right" or frame -> point mass at its origin [kg], one number or shape (N,), besides
-            attached objects.
-        scene: The scene whose attached objects count with their mass, for all robots; nothing else of it.
+        feedforward: "none", "gravity" or "inverse_dynamics", as for `Twin`; computed with the nominal masses,
+            as a robot's controller does.
+        actuators: Common actuators of the robots; `actuator_parameters(pepper)` if omitted.
+        vary: Quantity of `ActuatorParameters`, such as "stiffness" -> individual values of the robots, shape
+            (n,), (N, 1) or (N, n), or joint -> shape (N,); or "latency" -> times [s], one number or shape
+            (N,).
+        mass_scale: Joint, or group of joints -> factor of the mass and inertia of the links that move with
+            the joint, up to the next joint, one number or shape (N,).
+        payload: "left", "right" or frame -> point mass at its origin [kg], one number or shape (N,), in
+            addition to attached objects.
+        scene: The scene whose attached objects count with their mass, for all robots; the rest of the scene
+            is ignored.
         substeps: Number of integrator steps in a timestep, as for `Twin`.
-        world: What each robot may touch; nothing if omitted.
+        world: World that each robot may touch; none if omitted.
         vary_bodies: Body of the world -> "mass" [kg] or "friction" -> one number or shape (N,).
 
     Raises:
-        InvalidValueError: naming robot, joint and quantity that is not allowed.
-        UnknownNameError: for a quantity, joint, group, frame or body that is not known.
+        InvalidValueError: for a value that is not allowed, naming robot, joint and quantity.
+        UnknownNameError: for an unknown quantity, joint, group, frame or body.
     """
 
     def __init__(
@@ -124,10 +125,10 @@ class TwinBatch:
         self._effort_mode = self._torque_mode if self._torque_mode.any() else None
         self._delay = Delay(round(self.actuators.latency / self.timestep))
         self._late = self._ticks(self.actuators.latency if late is None else late)
-        if 0 < self._late.max() * self.timestep <= GREATEST_LATENCY:  # a later one is for `follow` alone
+        if 0 < self._late.max() * self.timestep <= GREATEST_LATENCY:  # else only `follow` works
             self._simulator.delay(self._late * self.substeps)
         self._q = self._v = self._torque = np.zeros((self.count, pepper.n))
-        self._shaped = True  # whether commands go on from where `step` has sent them
+        self._shaped = True  # whether commands continue from the last `step`
         self.reset()
 
     @property
@@ -142,7 +143,7 @@ class TwinBatch:
 
     @property
     def temperature(self) -> Array:
-        """Temperatures of the motors, from 0 (cold) to 1, as of a `Twin`, shape (N, n)."""
+        """Temperatures of the motors, from 0 (cold) to 1 (hottest), shape (N, n)."""
         return self._simulator.temperature
 
     @property
@@ -152,22 +153,22 @@ class TwinBatch:
 
     @property
     def contact_wrench(self) -> Array:
-        """Mean force [N] of contacts on each robot, and moment about the world's origin [N m], in a `step`.
+        """Mean force of contacts [N] on each robot, and moment about the world's origin [N m].
 
-        Of the last one, in world axes, shape (N, 6); zero without a world.
+        Of the last `step`, in world axes, shape (N, 6); zero without a world.
         """
         return np.zeros((self.count, 6)) if self._world is None else self._world.bodies.wrench.copy()
 
     @property
     def failures(self) -> dict[int, str]:
-        """Robot -> why its world could not do its last step; see `step`."""
+        """Robot -> reason why its world could not be solved in the last step; see `step`."""
         return {} if self._world is None else self._world.failures
 
     def body(self, name: str) -> BatchBodies:
-        """Return where a free body, or an obstacle that moves, is in the worlds of all robots.
+        """Return the state of a free body, or a moving obstacle, in the worlds of all robots.
 
         Raises:
-            UnknownNameError: listing the bodies.
+            UnknownNameError: for an unknown body; the message lists the bodies.
         """
         return self._bodies(name).state_of(name)
 
@@ -180,18 +181,19 @@ class TwinBatch:
         velocity: ArrayLike | None = None,
         rows: ArrayLike | None = None,
     ) -> None:
-        """Put a free body, or an obstacle that moves, somewhere in the worlds of all robots or of some.
+        """Set the state of a free body, or a moving obstacle, in the worlds of all or selected robots.
 
         Args:
-            name: Of the body.
-            position: Of its center [m], shape (3,) or (k, 3); it stays if omitted, and so do the others.
-            rpy: Roll, pitch and yaw about fixed axes [rad], shape (3,) or (k, 3).
-            velocity: Of its center [m/s] and turning [rad/s], in the world, shape (6,) or (k, 6).
-            rows: Which robots, as for `reset`.
+            name: Name of the body.
+            position: Position of its center [m], shape (3,) or (k, 3); unchanged if omitted.
+            rpy: Roll, pitch and yaw about fixed axes [rad], shape (3,) or (k, 3); unchanged if omitted.
+            velocity: Velocity of its center [m/s] and angular velocity [rad/s], in world axes, shape (6,) or
+                (k, 6); unchanged if omitted.
+            rows: Indices of robots, shape (k,), or a mask, shape (N,); all if omitted.
 
         Raises:
-            UnknownNameError: listing the bodies.
-            InvalidValueError: for NaN, a wrong shape, or rows that there are not.
+            UnknownNameError: for an unknown body; the message lists the bodies.
+            InvalidValueError: for NaN, a wrong shape, or rows that do not exist.
         """
         places = np.arange(self.count) if rows is None else check_rows(rows, self.count)
         self._bodies(name).place(name, places, position, rpy, velocity)
@@ -199,19 +201,19 @@ class TwinBatch:
     def reset(
         self, q: ArrayLike | None = None, v: ArrayLike | None = None, *, rows: ArrayLike | None = None
     ) -> None:
-        """Put the robots, or some of them, somewhere with cold motors; the others go on undisturbed.
+        """Set the states of all or selected robots, with cold motors; the other robots are unchanged.
 
-        The bodies of their worlds are put to where they began.
+        The bodies of their worlds return to their initial states.
 
         Args:
             q: Positions [rad or m], shape (n,), or one for each of k robots, shape (k, n); the neutral
                 posture (Stand) if omitted.
             v: Velocities [rad/s or m/s], shape (n,) or (k, n); rest if omitted.
-            rows: Which robots: their numbers from 0, shape (k,), each once, or a mask, shape (N,), such as
-                `run.good_steps < steps`; all of them, k = N, if omitted.
+            rows: Indices of robots from 0, shape (k,), each once, or a mask, shape (N,), such as
+                `run.good_steps < steps`; all robots, k = N, if omitted.
 
         Raises:
-            InvalidValueError: for a wrong shape, NaN or infinity, or rows that there are not.
+            InvalidValueError: for a wrong shape, NaN or infinity, or rows that do not exist.
             LimitError: for a position outside the limits.
         """
         rest = np.zeros(self.pepper.n)
@@ -219,7 +221,7 @@ class TwinBatch:
         position = self._states(self.pepper.neutral() if q is None else q, "q", places.size)
         velocity = self._states(rest if v is None else v, "v", places.size)
         check_within_limits(self.pepper, position, "q", 1e-6)
-        # The present arrays may be those of a run that was handed out.
+        # The present arrays may belong to a run that was returned.
         self._q, self._v, torque = self._q.copy(), self._v.copy(), self._torque.copy()
         self._q[places], self._v[places] = position, velocity
         torque[places] = self._torque_at_rest()[places]
@@ -232,7 +234,7 @@ class TwinBatch:
             self._world.reset(places)
 
     def checkpoint(self) -> dict[str, Array]:
-        """Return all that changes in time, as arrays by name: `restore` goes on from there, to the bit."""
+        """Return the complete state as arrays by name; `restore` continues from it, bit by bit."""
         found = {"position": self._q, "velocity": self._v, "torque": self._torque}
         found |= self._simulator.checkpoint() | {"shaped": np.array(self._shaped)}
         found |= {f"waiting {k}": part for k, part in enumerate(self._delay.waiting or ())}
@@ -241,10 +243,10 @@ class TwinBatch:
         return {name: part.copy() for name, part in found.items()}
 
     def restore(self, checkpoint: Mapping[str, ArrayLike]) -> None:
-        """Put all robots to what `checkpoint` has returned, of a batch that was made alike.
+        """Restore a state that `checkpoint` returned, of a batch with the same arguments.
 
         Raises:
-            InvalidValueError: naming the array that is missing, or of another shape; nothing is changed then.
+            InvalidValueError: for an array that is missing or has another shape; then nothing is changed.
         """
         present, found = self.checkpoint(), {}
         for name, part in present.items():
@@ -274,21 +276,21 @@ class TwinBatch:
         """Let all robots follow a trajectory.
 
         Args:
-            trajectory: What to follow; its joints must be the robot's.
+            trajectory: The trajectory; its joints must be the robot's.
             hold_time: Time to hold the end afterwards [s].
-            from_present: Start where the robots are; otherwise all are first put at the trajectory's start,
-                with its velocity.
-            every: Timesteps between recorded states; start and end alone if omitted.
+            from_present: Whether robots start in their present states; otherwise all are first reset to the
+                trajectory's start, with its velocity.
+            every: Timesteps between recorded states; only start and end if omitted.
             threads: Number of threads; the result does not depend on it.
-            progress: Called with about the number of robots done and N, one after the other being simulated
-                to the end; what it raises ends the call.
+            progress: Function called with the approximate number of finished robots and N, since robots are
+                simulated to the end one after the other; an error that it raises ends the call.
 
         Returns:
             The run; robots whose state diverged are named in it.
 
         Raises:
             InvalidValueError: for other joints, or a time or number that is not allowed.
-            LimitError: where the trajectory starts outside the position limits.
+            LimitError: if the trajectory starts outside the position limits.
         """
         reference = sampled(self.pepper, trajectory, hold_time, self.timestep)
         if not from_present:
@@ -310,14 +312,14 @@ class TwinBatch:
         """Follow references with a row for every timestep, from the present states of the robots.
 
         Args:
-            position: Position wanted at the end of each step [rad or m], shape (T, n) for all robots, or (N,
-                T, n).
-            velocity: Velocity wanted then [rad/s or m/s], in either shape; zero if omitted.
-            acceleration: Used by the feed-forward "inverse_dynamics" only [rad/s^2 or m/s^2], in either
-                shape; zero if omitted.
-            effort: Torque of the joints in torque mode [N m or N], in either shape; zero if omitted.
-            load: Torque on the joints from elsewhere [N m or N], in either shape; none if omitted.
-            every: Timesteps between recorded states; start and end alone if omitted.
+            position: Reference positions at the end of each step [rad or m], shape (T, n) for all robots, or
+                (N, T, n).
+            velocity: Reference velocities [rad/s or m/s], shape (T, n) or (N, T, n); zero if omitted.
+            acceleration: Reference accelerations for the feed-forward "inverse_dynamics" [rad/s^2 or m/s^2],
+                shape (T, n) or (N, T, n); zero if omitted.
+            effort: Torques of joints in torque mode [N m or N], shape (T, n) or (N, T, n); zero if omitted.
+            load: External torques on the joints [N m or N], shape (T, n) or (N, T, n); none if omitted.
+            every: Timesteps between recorded states; only start and end if omitted.
             threads: Number of threads; the result does not depend on it.
 
         Returns:
@@ -346,30 +348,30 @@ class TwinBatch:
         load: ArrayLike | None = None,
         threads: int = 1,
     ) -> NDArray[np.bool_]:
-        """Send the joints to targets, as `setAngles` does, and let some timesteps pass.
+        """Move the joints toward targets, as `setAngles` does, for some timesteps.
 
-        The command of each joint goes on to its target along a cubic in time, from where it is and as fast
-        as it is, see `pepper_kin.core.simulation.target_following`; the joints follow it.  `reset`,
-        `execute` and `follow` put the commands to where the joints are, at rest.
+        The command of each joint moves to its target along a cubic in time, from its present position and
+        velocity, see `pepper_kin.core.simulation.target_following`; the joints follow the command.  `reset`,
+        `execute` and `follow` set the commands to the joints' positions, at rest.
 
         Args:
-            targets: Positions [rad or m], shape (n,), or one for each robot, shape (N, n); those beyond the
-                position limits are brought within.
+            targets: Target positions [rad or m], shape (n,), or for each robot, shape (N, n); they are
+                clipped to the position limits.
             steps: Number of timesteps.
-            speed: Share of the velocity limits that commands may use, in (0, 1].
-            commands: "shaped", as above; "linear": they go evenly, and arrive in the last step; or "held":
-                they are at the targets at once.
-            load: Torques on the joints from elsewhere, such as J^T f of a push, during all steps [N m or N],
-                shape (n,) or (N, n); none if omitted.
+            speed: Fraction of the velocity limits that commands may use, in (0, 1].
+            commands: "shaped", as above; "linear": commands move evenly and arrive in the last step; or
+                "held": commands are at the targets immediately.
+            load: External torques on the joints, such as J^T f of a push, during all steps [N m or N], shape
+                (n,) or (N, n); none if omitted.
             threads: Number of threads; the result does not depend on it.
 
         Returns:
-            Whether each robot's state is finite and sound and its world was solved; others keep their last
-            good state, shape (N,).  `failures` says what was not solved.
+            Whether each robot's state is valid and its world was solved, shape (N,); other robots keep their
+            last good state.  `failures` tells what was not solved.
 
         Raises:
             InvalidValueError: naming the quantity, for a wrong shape, NaN or infinity; or for robots with
-                torque mode or feed-forward of the inverse dynamics, which `follow` is for.
+                torque mode or inverse-dynamics feed-forward, which need `follow`.
         """
         n = self.pepper.n
         if self._torque_mode.any() or self.feedforward == "inverse_dynamics":
@@ -407,11 +409,11 @@ class TwinBatch:
         """Follow commands from the present states of the robots, and return the run.
 
         Args:
-            command: For each timestep, shape (N, T, n), or (1, T, n) for all robots.
-            load: Torques on the joints from elsewhere [N m or N], shape (N, T, n), (1, T, n) or (1, 1, n).
-            every: Timesteps between recorded states; start and end alone if None.
+            command: Commands of each timestep, shape (N, T, n), or (1, T, n) for all robots.
+            load: External torques on the joints [N m or N], shape (N, T, n), (1, T, n) or (1, 1, n).
+            every: Timesteps between recorded states; only start and end if None.
             threads: Number of threads.
-            progress: Called with about the number of robots done and N.
+            progress: Function called with the approximate number of finished robots and N.
         """
         steps, k = command.position.shape[1], self.substeps
         between = recorded_steps(steps, every)
@@ -440,11 +442,11 @@ class TwinBatch:
     def _run(
         self, command: Command, rollout: Rollout, start: tuple[Array, Array], steps: int, between: int
     ) -> BatchRun:
-        """Return what was recorded, and name the robots that stopped.
+        """Return the recorded run, with the robots that stopped.
 
         Args:
-            command: For each timestep, shape (N, T, n) or (1, T, n).
-            rollout: What the robots did.
+            command: Commands of each timestep, shape (N, T, n) or (1, T, n).
+            rollout: States and torques of the simulation.
             start: Positions [rad or m] and velocities [rad/s or m/s] at the start, shape (N, n) each.
             steps: Number of timesteps T.
             between: Timesteps between recorded states.
@@ -478,7 +480,7 @@ class TwinBatch:
         )
 
     def _torque_at_rest(self) -> Array:
-        """Return the torques of the actuators at the present states, if these are where they should be."""
+        """Return the actuators' torques at the present states, with references equal to these states."""
         n = self._q.size
         held, torque = np.zeros((self.count, self.pepper.n)), np.empty(n)
         if self.feedforward == "gravity":
@@ -489,7 +491,7 @@ class TwinBatch:
         return torque.reshape(self.count, self.pepper.n)
 
     def _command(self, references: References) -> Command:
-        """Return what the actuators are sent for references."""
+        """Return the actuators' commands for references."""
         return references.command(self.pepper, self.feedforward, self._effort_mode)
 
     def _bodies(self, name: str) -> BatchWorld:
@@ -503,7 +505,7 @@ class TwinBatch:
         return world
 
     def _ticks(self, latency: Any) -> NDArray[np.int64]:
-        """Return after how many timesteps the commands of each robot arrive, shape (N,)."""
+        """Return the latency of each robot's commands in timesteps, shape (N,)."""
         times = as_finite(broadcast(latency, "latency", (self.count,)), "latency", (self.count,))
         if (times < 0).any():
             raise InvalidValueError("latency", times.min(), "times of at least 0 s")

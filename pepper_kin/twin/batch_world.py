@@ -1,4 +1,4 @@
-"""The worlds of a batch of twins: alike except for what lies where, how heavy and how rough."""
+"""Worlds of a batch of twins, identical except for states, masses and friction of their bodies."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ from pepper_kin.twin.world.world import CAUSES, World
 
 
 class BatchBodies(NamedTuple):
-    """One free body, or obstacle that moves, of N worlds.
+    """State of one free body, or moving obstacle, in N worlds.
 
     Attributes:
-        position: Of its center [m], shape (N, 3).
-        rotation: Of its frame in the world, shape (N, 3, 3).
-        velocity: Of its center [m/s] and of its turning [rad/s], in the world, shape (N, 6).
+        position: Position of the body's center [m], shape (N, 3).
+        rotation: Rotation from the body's frame to the world, shape (N, 3, 3).
+        velocity: Velocity of the center [m/s] and angular velocity [rad/s], in world axes, shape (N, 6).
     """
 
     position: Array
@@ -47,15 +47,15 @@ class BatchWorld:
     """N worlds that begin as copies of one.
 
     Args:
-        world: How each begins; it is not changed.
-        count: N.
+        world: Initial world of all robots; it is not changed.
+        count: Number N of worlds.
         vary: Body -> "mass" [kg] or "friction" -> one number or shape (N,), in place of the body's own.
 
     Attributes:
-        bodies: For compiled code.
+        bodies: Bodies of all worlds for compiled code.
 
     Raises:
-        UnknownNameError: for a body or quantity that is not known.
+        UnknownNameError: for an unknown body or quantity.
         InvalidValueError: for a wrong shape, or a number out of range.
     """
 
@@ -88,23 +88,23 @@ class BatchWorld:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the bodies and of the obstacles that move."""
+        """Names of the free bodies and moving obstacles."""
         return self._names
 
     @property
     def failures(self) -> dict[int, str]:
-        """Robot -> why its world could not do its last step."""
+        """Robot -> reason why its world could not be solved in the last step."""
         rows = np.flatnonzero(self.bodies.outcome != SOLVED)
         return {int(row): CAUSES[int(self.bodies.outcome[row])] for row in rows}
 
     def state_of(self, name: str) -> BatchBodies:
-        """Return where a body is in all worlds."""
+        """Return the state of a body in all worlds."""
         rows = self.bodies.rows[:, self._place_of(name)]
         turns = rows[:, ROTATION:MOTION].reshape(-1, 3, 3)
         return BatchBodies(rows[:, :ROTATION].copy(), turns.copy(), rows[:, MOTION:MASS].copy())
 
     def reset(self, rows: NDArray[np.int64]) -> None:
-        """Put all bodies of some worlds, shape (k,), to where they began."""
+        """Reset all bodies of the worlds with indices `rows`, shape (k,), to their initial states."""
         self.bodies.rows[rows], self.bodies.wrench[rows] = self._begin[rows], 0.0
         self.bodies.outcome[rows], self.bodies.apart[rows] = SOLVED, 0.0
 
@@ -116,14 +116,14 @@ class BatchWorld:
         rpy: ArrayLike | None,
         velocity: ArrayLike | None,
     ) -> None:
-        """Put a body of some worlds, shape (k,), somewhere; what is None stays.
+        """Set the state of a body in selected worlds; None keeps the current value.
 
         Args:
-            name: Of the body.
-            rows: Which worlds.
-            position: Of its center [m], shape (3,) or (k, 3).
+            name: Name of the body.
+            rows: Indices of the worlds, shape (k,).
+            position: Position of the body's center [m], shape (3,) or (k, 3).
             rpy: Roll, pitch and yaw about fixed axes [rad], shape (3,) or (k, 3).
-            velocity: Of its center [m/s] and turning [rad/s], shape (6,) or (k, 6).
+            velocity: Velocity of the center [m/s] and angular velocity [rad/s], shape (6,) or (k, 6).
         """
         table, body = self.bodies.rows, self._place_of(name)
         self.bodies.apart[rows] = 0.0
@@ -137,9 +137,9 @@ class BatchWorld:
 
     @contextmanager
     def tables(self, h: float) -> Iterator[WorldTables]:
-        """Lend a world's tables for steps of length h [s] to one thread.
+        """Provide a world's tables for steps of length h [s] to one thread, until the context ends.
 
-        What only interrupts, such as Ctrl-C in a call-back, is raised afterwards; a step that fails is not.
+        An interrupt, such as Ctrl-C in a callback, is raised afterwards; the error of a failed step is not.
         """
         try:
             world = self._free.popleft()

@@ -11,13 +11,13 @@ from pepper_kin.arrays import Array
 
 
 class Command(NamedTuple):
-    """References of all joints at the end of a step, or of each of T steps, for one robot or for each of N.
+    """References of all joints at the end of a step, or of T steps, for one robot or for N.
 
     Attributes:
-        position: [rad or m], shape (n,), (T, n) or (N, T, n); N may be 1 for all robots.
-        velocity: [rad/s or m/s], the same shape.
-        feedforward: Feed-forward of joints in position and velocity mode that depends on the reference
-            alone, and the effort of those in torque mode [N m or N], the same shape.
+        position: Reference positions [rad or m], shape (n,), (T, n) or (N, T, n); N may be 1 for all robots.
+        velocity: Reference velocities [rad/s or m/s], of the positions' shape.
+        feedforward: Feed-forward of joints in position and velocity mode that depends only on the reference,
+            and effort of joints in torque mode [N m or N], of the positions' shape.
     """
 
     position: Array
@@ -30,7 +30,7 @@ class Command(NamedTuple):
         return Command(position[np.newaxis], velocity[np.newaxis], feedforward[np.newaxis])
 
     def part(self, rows: slice) -> Command:
-        """Return some of T commands."""
+        """Return a slice of T commands."""
         position, velocity, feedforward = self
         return Command(position[..., rows, :], velocity[..., rows, :], feedforward[..., rows, :])
 
@@ -39,14 +39,14 @@ class Command(NamedTuple):
         return Command(*(x[..., k, :] for x in self))
 
     def then(self, other: Command) -> Command:
-        """Return these T commands followed by others."""
+        """Return the T commands followed by other commands."""
         return Command(*(_joined(first, second) for first, second in zip(self, other, strict=True)))
 
     def refined(self, count: int, h: float) -> Command:
-        """Return `count` commands for each: on the way to its end, the reference moves with its velocity.
+        """Return `count` commands for each command, whose reference moves to its end with its velocity.
 
         Args:
-            count: Sub-steps in a step.
+            count: Number of sub-steps in a step.
             h: Time of a sub-step [s].
         """
         position, velocity, feedforward = (np.repeat(x, count, axis=-2) for x in self)
@@ -55,13 +55,13 @@ class Command(NamedTuple):
 
 
 class Delay:
-    """A line that commands pass through.
+    """Delay line of commands.
 
     Args:
-        ticks: How many steps later they come out.
+        ticks: Delay in steps.
 
     Attributes:
-        waiting: Commands that are on their way; None for none.
+        waiting: Commands in the delay line; None for none.
     """
 
     def __init__(self, ticks: int) -> None:
@@ -69,12 +69,12 @@ class Delay:
         self.waiting: Command | None = None
 
     def fill(self, command: Command, rows: NDArray[np.int64] | None = None, count: int = 0) -> None:
-        """Let one command stand for all that came before, of all robots or of some of them.
+        """Fill the delay line of all or selected robots with one command.
 
         Args:
-            command: Shape (n,) or (N, n); of k robots (k, n).
-            rows: Which of N robots, shape (k,); all if omitted.
-            count: N, where there are rows.
+            command: Command, shape (n,) or (N, n); shape (k, n) for k robots.
+            rows: Indices of k of N robots, shape (k,); all if omitted.
+            count: Number N of robots, if rows are given.
         """
         if not self.ticks:
             return
@@ -92,7 +92,7 @@ class Delay:
         self.waiting = Command(*waiting)
 
     def through(self, command: Command) -> Command:
-        """Put T commands in and take the T out that are due."""
+        """Put T commands into the delay line and return the T commands that are due."""
         if not self.ticks or self.waiting is None:
             return command
         line, steps = self.waiting.then(command), command.position.shape[-2]
@@ -101,11 +101,11 @@ class Delay:
 
 
 def _joined(first: Array, second: Array) -> Array:
-    """Return commands one after the other; what holds for all robots is repeated for each where it must.
+    """Return two series of commands joined; a series for all robots is repeated for each if necessary.
 
     Args:
-        first: Shape (T, n) or (N, T, n); N may be 1 for all robots.
-        second: The same, perhaps of another T and N.
+        first: Commands, shape (T, n) or (N, T, n); N may be 1 for all robots.
+        second: Commands that follow, shape (T', n) or (N', T', n).
     """
     if first.ndim == 3 and len(first) != len(second):
         robots = max(len(first), len(second))

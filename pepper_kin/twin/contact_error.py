@@ -6,12 +6,12 @@ from pepper_kin.exceptions import PepperKinError
 
 
 class ContactError(PepperKinError):
-    """A step of a world could not be done.
+    """Error if the contacts of a world's step cannot be solved.
 
     Attributes:
-        step: Number of the step, from 1.
-        names: Pairs that were in contact.
-        cause: What was found.
+        step: Index of the step, from 1.
+        names: Names of the pairs in contact.
+        cause: Cause of the failure.
     """
 
     def __init__(self, step: int, names: tuple[tuple[str, str], ...], cause: str) -> None:

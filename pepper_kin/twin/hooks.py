@@ -22,28 +22,29 @@ if TYPE_CHECKING:
 
 
 class WorldHook(Protocol):
-    """Something that pushes back."""
+    """A world that exerts forces on the robot."""
 
     def advance(self, q: Array, v: Array, mass_hat: Array, force: Array, h: float) -> Array:
-        """Advance the world by one step and return what its contacts are worth at the robot's joints.
+        """Advance the world by one step and return its contact forces as torques at the robot's joints.
 
         Args:
             q: Positions of the robot at the start of the step [rad or m], shape (n,).
-            v: Velocities [rad/s or m/s], shape (n,).
-            mass_hat: Effective mass matrix of the step, all that is implicit in it included, shape (n, n).
-            force: Without contact the robot accelerates with a = mass_hat^-1 force, shape (n,).
+            v: Velocities of the robot [rad/s or m/s], shape (n,).
+            mass_hat: Effective mass matrix of the step, including all implicit terms, shape (n, n).
+            force: Generalized force such that the acceleration without contact is mass_hat^-1 force, shape
+                (n,).
             h: Time of the step [s].
 
         Returns:
             Generalized contact load [N m or N], shape (n,).
 
         Raises:
-            ContactError: where it cannot; `Twin.step` lets it pass, a run stops there.
+            ContactError: if the contacts cannot be solved; `Twin.step` raises it too, a run stops there.
         """
 
 
 class WorldCoupling(Protocol):
-    """A world as the compiled time loop takes it."""
+    """A world in the form of the compiled time loop."""
 
     @property
     def wrench(self) -> Array:
@@ -53,14 +54,14 @@ class WorldCoupling(Protocol):
         """
 
     def begin(self, h: float, steps: int) -> WorldTables:
-        """Return the tables for so many steps of length h [s]."""
+        """Return the tables for a number of steps of length h [s]."""
 
     def end(self, steps: int, outcome: int) -> BaseException | None:
         """Record the steps that were taken; return why the next one failed, if its outcome is a failure."""
 
 
 class HookCoupling:
-    """A world that is called back in every step.
+    """Coupling of a world by a callback in every step.
 
     Args:
         world: The world.
@@ -79,7 +80,7 @@ class HookCoupling:
 
     @property
     def wrench(self) -> Array:
-        """NaN in steps with a load, of which nobody knows the force behind it, shape (s, 6)."""
+        """NaN in steps with a load, whose force is unknown, else zero, shape (s, 6) [N, N m]."""
         return unknown_where(np.array(self._pushed, dtype=bool))
 
     def begin(self, h: float, steps: int) -> WorldTables:
@@ -88,7 +89,7 @@ class HookCoupling:
         return self._tables
 
     def end(self, steps: int, outcome: int) -> BaseException | None:
-        """Return what the world has raised."""
+        """Return the error that the world has raised, or None."""
         return self._callback.raised()
 
     def _advance(self, what: int, address: int, *_: int) -> int:
@@ -103,7 +104,7 @@ class HookCoupling:
 
 
 def unknown_where(loaded: NDArray[np.bool_]) -> Array:
-    """Return the wrench of loads of which only the torques at the joints are known: NaN, or zero for none.
+    """Return the wrench of loads of which only joint torques are known: NaN, or zero without a load.
 
     Args:
         loaded: Whether a load acts in each step, shape (s,).
@@ -115,7 +116,7 @@ def unknown_where(loaded: NDArray[np.bool_]) -> Array:
 
 
 def coupling_of(world: WorldHook, n: int) -> WorldCoupling:
-    """Return a world's own `coupling`, or one that calls it back in every step."""
+    """Return a world's own `coupling`, or a coupling that calls the world back in every step."""
     own = getattr(world, "coupling", None)
     found: WorldCoupling | None = None if own is None else own()
     return HookCoupling(world, n) if found is None else found
@@ -124,20 +125,20 @@ def coupling_of(world: WorldHook, n: int) -> WorldCoupling:
 class SensorsHook(Protocol):
     """Sensors of a twin.
 
-    Where it has a number `due`, states before that time [s] may be kept from it.
+    If the object has a number `due`, states before that time [s] may be skipped.
     """
 
     def observe(self, state: TwinState) -> None:
-        """Take note of a state: the first after a reset, then the one at the end of every timestep."""
+        """Observe a state: the first one after a reset, then the state at the end of every timestep."""
 
 
 def due_time(sensors: SensorsHook | None, otherwise: float) -> float:
-    """Return the time of the sensors' next sample [s]; `otherwise` where they have no clock."""
+    """Return the time of the sensors' next sample [s]; `otherwise` if they have no clock."""
     return math.inf if sensors is None else float(getattr(sensors, "due", otherwise))
 
 
 def readings_since(sensors: SensorsHook | None, start: float) -> dict[str, ReadingSeries]:
-    """Return what sensors have recorded since a time [s], by name; nothing for those that record nothing."""
+    """Return the readings recorded since a time [s], by sensor name; empty for sensors without recording."""
     recorded = getattr(sensors, "recorded", None)
     return {} if recorded is None else dict(recorded(start))
 
@@ -145,14 +146,14 @@ def readings_since(sensors: SensorsHook | None, start: float) -> dict[str, Readi
 def show_first(
     sensors: SensorsHook, series: Series, count: int, velocity: Array, clock: tuple[int, float]
 ) -> None:
-    """Show sensors the first states of a series.
+    """Pass the first states of a series to sensors.
 
     Args:
         sensors: The sensors.
         series: The states.
-        count: How many of them.
-        velocity: Before the first [rad/s or m/s], shape (n,).
-        clock: Number of the step before the first, and the timestep [s].
+        count: Number of states to pass.
+        velocity: Velocity before the first state [rad/s or m/s], shape (n,).
+        clock: Index of the step before the first state, and the timestep [s].
     """
     (step, h), due = clock, due_time(sensors, -math.inf)
     for k in range(count):
@@ -168,6 +169,6 @@ def show_first(
 
 
 def scene_of(world: WorldHook | None) -> Scene | None:
-    """Return the scene of a world that has one."""
+    """Return the scene of a world, or None if it has none."""
     scene = getattr(world, "scene", None)
     return scene if isinstance(scene, Scene) else None

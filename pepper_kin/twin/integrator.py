@@ -1,4 +1,4 @@
-"""One robot's steps of time: semi-implicit Euler on the articulated body, with all joint forces implicit."""
+"""Time stepping of one robot: semi-implicit Euler on the articulated body, with implicit joint forces."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from pepper_kin.twin.actuators import ActuatorParameters
 from pepper_kin.twin.command import Command
 from pepper_kin.twin.simulator import Simulator
 
-GREATEST_TIMESTEP = 0.05  # [s]
+GREATEST_TIMESTEP = 0.05  # maximum timestep [s]
 _ONE = Span(1, 1, 0, 1)
 
 
@@ -38,18 +38,18 @@ def _shapes_wanted(n: int) -> str:
 
 
 class Series(NamedTuple):
-    """States after some steps; where the state diverged, `good` is less than their number.
+    """States after a series of steps; if a state diverged, `good` is less than their number.
 
     Attributes:
-        position: At the end of each step [rad or m], shape (T, n).
-        velocity: [rad/s or m/s], shape (T, n).
-        torque: Of the actuators during each step [N m or N], shape (T, n).
-        good: Number of good steps; the row after them, if any, is the state that diverged.
-        outcome: DONE, or the outcome of the world's step that failed; then there is no such row.
-        rows: Arrays of position, velocity and torque that begin with the start, shape (1 + T, n) each, where
-            there are such; the first row of the torque is not written.
+        position: Positions at the end of each step [rad or m], shape (T, n).
+        velocity: Velocities at the end of each step [rad/s or m/s], shape (T, n).
+        torque: Torques of the actuators during each step [N m or N], shape (T, n).
+        good: Number of good steps; the row after them, if any, is the diverged state.
+        outcome: DONE, or the outcome of the world's step that failed; then there is no diverged row.
+        rows: Arrays of position, velocity and torque that begin with the initial state, shape (1 + T, n)
+            each, or None; the first row of the torque is not written.
         wrench: Mean force [N] and moment about the world's origin [N m] on the robot from outside during each
-            step, shape (T, 6); None for none.
+            step, shape (T, 6); None without one.
     """
 
     position: Array
@@ -62,7 +62,7 @@ class Series(NamedTuple):
 
 
 def joined(parts: list[Series], good: int) -> Series:
-    """Return series that follow one another as one."""
+    """Join successive series into one."""
     if len(parts) == 1:
         return parts[0]
     rows = zip(*(part[:3] for part in parts), strict=True)
@@ -74,13 +74,13 @@ def joined(parts: list[Series], good: int) -> Series:
 
 
 class _SingleStep(NamedTuple):
-    """Arrays of a step that is taken alone.
+    """Arrays of a single step.
 
     Attributes:
-        inputs: Of the time loop.
-        state: The same.
-        log: The same.
-        rows: Where position, velocity, references of both, feed-forward and load go, shape (1, n) each.
+        inputs: Inputs of the time loop.
+        state: State of the time loop.
+        log: Log of the time loop.
+        rows: Rows for position, velocity, references of both, feed-forward and load, shape (1, n) each.
         step_output: Position, velocity and torque after the step, shape (3, 1, n).
     """
 
@@ -101,7 +101,7 @@ class _SingleStep(NamedTuple):
 
 
 class Integrator:
-    """Steps a robot whose joints are driven by actuators.
+    """Integrator of a robot whose joints are driven by actuators.
 
     Scheme, with step h, position q, velocity v, bias b(q, v) = C(q, v) v + g(q) and the force F_j(v_j+) of
     actuator, friction and stop on each joint at the end of the step (see `core.simulation.actuator_model`):
@@ -121,14 +121,14 @@ class Integrator:
     Source: Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), I.1.2 and VI.3; Featherstone,
     Rigid Body Dynamics Algorithms (2008), table 7.1.
 
-    Threads that share one take turns; their steps then depend on one another's.
+    Threads that share an integrator take turns; their steps then depend on each other.
 
     Args:
         pepper: The robot.
         timestep: h [s], above 0 and at most 0.05.
         actuators: The actuators and stops.
-        gravity: Whether servos add what holds the present posture of the robot as it is described.
-        loads: What the robot carries.
+        gravity: Whether servos add the gravity torque of the present posture, with nominal masses.
+        loads: Carried loads.
 
     Raises:
         InvalidValueError: for a timestep out of range, or actuators of other joints.
@@ -153,7 +153,7 @@ class Integrator:
         self._nothing = np.zeros((1, pepper.n))
         self._alone = no_world(pepper.n)
         self._made: Simulator | None = None
-        # Machine code runs beside Python, in a working memory of which there is one.
+        # Machine code releases the interpreter's lock, but there is only one working memory.
         self._turn = threading.RLock()
 
     @property
@@ -162,7 +162,7 @@ class Integrator:
         return np.zeros(self._pepper.n) if self._made is None else self._made.temperature[0]
 
     def reset(self) -> None:
-        """Forget the steps taken: the motors are cold, and joints with backlash are held where they are."""
+        """Reset the internal state: motors are cold, and joints with backlash are held where they are."""
         with self._turn:
             if self._made is not None:
                 self._made.reset()
@@ -177,8 +177,8 @@ class Integrator:
         Args:
             q: Position [rad or m], shape (n,).
             v: Velocity [rad/s or m/s], shape (n,).
-            q_ref: Position wanted [rad or m], shape (n,).
-            v_ref: Velocity wanted [rad/s or m/s], shape (n,).
+            q_ref: Reference position [rad or m], shape (n,).
+            v_ref: Reference velocity [rad/s or m/s], shape (n,).
             feedforward: Feed-forward [N m or N], shape (n,).
 
         Returns:
@@ -205,12 +205,12 @@ class Integrator:
 
         Args:
             q: Position [rad or m], shape (n,).
-            q_ref: Position wanted [rad or m], shape (n,).
-            v_ref: Velocity wanted [rad/s or m/s], shape (n,).
+            q_ref: Reference position [rad or m], shape (n,).
+            v_ref: Reference velocity [rad/s or m/s], shape (n,).
             feedforward: Feed-forward [N m or N], shape (n,).
 
         Returns:
-            Torques [N m or N], shape (n,); those of a state that diverged are infinite or NaN.
+            Torques [N m or N], shape (n,); infinite or NaN for a diverged state.
 
         Raises:
             InvalidValueError: for a wrong shape.
@@ -236,15 +236,14 @@ class Integrator:
         Args:
             q: Position [rad or m], shape (n,).
             v: Velocity [rad/s or m/s], shape (n,).
-            q_ref: Position wanted at the end of the step, shape (n,).
-            v_ref: Velocity wanted at the end of the step, shape (n,).
-            feedforward: Torque added by the servo; of joints in torque mode the effort [N m or N], shape
-                (n,).
-            load: Torque from elsewhere, not limited [N m or N], shape (n,).
+            q_ref: Reference position at the end of the step [rad or m], shape (n,).
+            v_ref: Reference velocity at the end of the step [rad/s or m/s], shape (n,).
+            feedforward: Torque added by the servo, or effort of joints in torque mode [N m or N], shape (n,).
+            load: External torque, not limited [N m or N], shape (n,).
 
         Returns:
-            Position and velocity at the end of the step, and the actuators' torque during it [N m or N]; NaN
-            where they diverge.
+            Position and velocity at the end of the step, and the actuators' torque during the step [N m or
+            N]; NaN if they diverge.
 
         Raises:
             InvalidValueError: for a wrong shape, NaN or infinity.
@@ -270,14 +269,15 @@ class Integrator:
 
         Args:
             q: Position [rad or m], shape (n,).
-            v: Velocity, shape (n,).
-            q_ref: Position wanted at the end of the step, shape (n,).
-            v_ref: Velocity wanted at the end of the step, shape (n,).
-            feedforward: As for `step`, shape (n,).
-            load: Torque from elsewhere [N m or N], shape (n,).
+            v: Velocity [rad/s or m/s], shape (n,).
+            q_ref: Reference position at the end of the step [rad or m], shape (n,).
+            v_ref: Reference velocity at the end of the step [rad/s or m/s], shape (n,).
+            feedforward: Torque added by the servo, or effort of joints in torque mode [N m or N], shape (n,).
+            load: External torque [N m or N], shape (n,).
 
         Returns:
-            mass_hat (n, n) [kg m^2, kg m or kg], symmetric and positive definite, and force (n,) [N m or N].
+            Matrix mass_hat, shape (n, n) [kg m^2, kg m or kg], symmetric and positive definite, and force,
+            shape (n,) [N m or N].
 
         Raises:
             InvalidValueError: for a wrong shape, NaN or infinity.
@@ -308,15 +308,15 @@ class Integrator:
     ) -> Series:
         """Advance by one step for each command.
 
-        Only shapes are checked here, which machine code relies on: this is the hot path.
+        Only shapes are checked, which machine code relies on, because this is the hot path.
 
         Args:
             q: Position [rad or m], shape (n,).
             v: Velocity [rad/s or m/s], shape (n,).
-            command: For the end of each step, shape (T, n) each.
-            load: Torque from elsewhere [N m or N], shape (T, n), or (1, n) for all steps.
-            every: Steps between states of the result, a divisor of T.
-            world: What the robot meets; nothing if omitted.
+            command: Commands for the end of each step, shape (T, n) each.
+            load: External torque [N m or N], shape (T, n), or (1, n) for all steps.
+            every: Number of steps between states of the result, a divisor of T.
+            world: World around the robot; none if omitted.
 
         Returns:
             The states.
@@ -354,14 +354,14 @@ class Integrator:
         return Series(position[1:], velocity[1:], torque[1:], int(good[0]) // every, int(outcome), kept)
 
     def _one_step(self, q: Array, v: Array, command: Command, load: Array, world: WorldTables) -> Series:
-        """Take one step in arrays that are made once; the result is the caller's.
+        """Take one step in reused arrays; the result is a copy.
 
         Args:
             q: Position [rad or m], shape (n,).
             v: Velocity [rad/s or m/s], shape (n,).
-            command: For the end of the step, shape (1, n) each.
-            load: Torque from elsewhere [N m or N], shape (1, n).
-            world: What the robot meets.
+            command: Command for the end of the step, shape (1, n) each.
+            load: External torque [N m or N], shape (1, n).
+            world: World around the robot.
         """
         tables, single = self._simulator.tables, self._single
         try:
@@ -390,10 +390,10 @@ class Integrator:
 
 
 def check_timestep(timestep: float) -> float:
-    """Return a timestep [s] if it is above 0 and at most 0.05.
+    """Return a timestep [s], after checks.
 
     Raises:
-        InvalidValueError: otherwise.
+        InvalidValueError: for a timestep that is not above 0 and at most 0.05 s.
     """
     checked = check_positive("timestep", timestep, "s")
     if checked > GREATEST_TIMESTEP:

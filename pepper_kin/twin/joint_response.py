@@ -1,4 +1,4 @@
-"""The response of joints to the targets of `setAngles`: measured on a robot, assumed, or without delay."""
+"""Response of joints to targets of `setAngles`: measured on a robot, assumed, or ideal."""
 
 from __future__ import annotations
 
@@ -27,20 +27,20 @@ _IDEAL = {"speed_share": 1.0, "latency": 0.0, "lag": 0.0, "backlash": 0.0, "comp
 
 @dataclass(frozen=True, eq=False)
 class JointResponse(FrozenArrays):
-    """How joints follow targets; see `pepper_kin.core.simulation.target_following` for the law.
+    """Response of joints to targets; see `pepper_kin.core.simulation.target_following` for the model.
 
-    Gravity moves a joint away from where that law puts it, by -compliance x (torque that holds it).
+    Gravity displaces a joint from the model's position by -compliance x (holding torque).
 
     Attributes:
-        joint_names: The joints, n of them.
-        speed_share: Fastest speed of the interpolation over (share given with the target) x (velocity limit
-            of the joint), shape (n,), above 0.
-        latency: From a call to the first move of the interpolation [s], shape (n,).
+        joint_names: Names of the n joints.
+        speed_share: Maximum speed of the interpolation over (speed fraction given with the target) x
+            (velocity limit of the joint), shape (n,), above 0.
+        latency: Time from a call to the first motion of the interpolation [s], shape (n,).
         lag: Time constant with which the joint follows the interpolation [s], shape (n,).
         backlash: Half the play between interpolation and joint [rad or m], shape (n,).
         compliance: 1 / stiffness of the servo [rad/(N m) or m/N], shape (n,); 0 for none.
-        intervals: Quantity -> 95 % interval, shape (n, 2); NaN where nothing was measured.
-        sources: Where each joint's values come from, or "assumed: ...".
+        intervals: Quantity -> 95 % interval, shape (n, 2); NaN if not measured.
+        sources: Source of each joint's values, or "assumed: ...".
     """
 
     joint_names: tuple[str, ...]
@@ -79,8 +79,8 @@ class JointResponse(FrozenArrays):
         """Return a copy with other values.
 
         Args:
-            **quantities: Any of `RESPONSE_QUANTITIES`: one number for all joints, shape (n,), or a mapping
-                from names of joints, of which those not named keep their value.
+            **quantities: Any of `RESPONSE_QUANTITIES`: one number for all joints, shape (n,), or numbers by
+                joint name; other joints keep their value.
 
         Raises:
             UnknownNameError: for a quantity or a joint that is not known.
@@ -100,10 +100,10 @@ class JointResponse(FrozenArrays):
         return replace(self, **new)
 
     def index(self, joint: str) -> int:
-        """Return the place of a joint.
+        """Return the index of a joint.
 
         Raises:
-            UnknownNameError: for a joint that it lacks.
+            UnknownNameError: for an unknown joint.
         """
         if joint not in self.joint_names:
             raise UnknownNameError("joint", joint, self.joint_names)
@@ -113,10 +113,10 @@ class JointResponse(FrozenArrays):
         """Return the parameters with which one joint follows targets.
 
         Args:
-            pepper: The robot, for its limits of velocity and acceleration.
-            joint: Its name.
-            share: Share of the fastest speed that is given with the targets.
-            cycle: Of the interpolation [s].
+            pepper: The robot, for its velocity and acceleration limits.
+            joint: Name of the joint.
+            share: Fraction of the maximum speed that is given with the targets.
+            cycle: Cycle time of the interpolation [s].
         """
         j, k = self.index(joint), pepper.joint_index(joint)
         return Following(
@@ -129,11 +129,11 @@ class JointResponse(FrozenArrays):
 
 
 def joint_response(pepper: PepperModel, kind: str = "measured") -> JointResponse:
-    """Return how a robot's joints follow the targets of `setAngles`.
+    """Return the response of a robot's joints to targets of `setAngles`.
 
-    Pepper's come from `data/joint_responses.json`, each with its interval and source.  Its joints that
-    nobody measured get the median of the others, and neither backlash nor compliance.  The base follows
-    without delay, as every joint of another robot does.
+    The values for Pepper are read from `data/joint_responses.json`, each with its interval and source.
+    Joints that were not measured get the median of the others, and neither backlash nor compliance.  The
+    base, and every joint of another robot, follows without delay.
 
     Args:
         pepper: The robot.

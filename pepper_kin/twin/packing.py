@@ -1,4 +1,4 @@
-"""Series of numbers packed without loss: neighbors in time differ little, so their differences pack well."""
+"""Lossless packing of time series: neighboring values differ little, so their differences pack well."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ _MOST_DIFFERENCES = 6
 def pack(values: ArrayLike) -> NDArray[np.uint8]:
     """Pack an array losslessly.
 
-    Floats of 64 bits are taken as integers, of which differences in time are kept (exact, modulo 2^64), for
-    each column of the order that leaves least, 6 at most; signs go to the lowest bit, and bytes of equal
-    weight are put together before they are deflated.  What follows a polynomial shrinks to the
-    rounding of its samples, constant series to nothing.  Other arrays are deflated as they are.
+    64-bit floats are treated as integers, whose differences in time (exact, modulo 2^64) are stored, for each
+    column of the order with the smallest result, at most 6; signs go to the lowest bit, and bytes of equal
+    weight are grouped before they are deflated.  A series that follows a polynomial shrinks to the rounding
+    errors of its samples, a constant series to nothing.  Other arrays are deflated unchanged.
 
     Args:
         values: Numbers or booleans, shape (T, ...).
@@ -44,7 +44,7 @@ def pack(values: ArrayLike) -> NDArray[np.uint8]:
 
 
 def _differences(array: NDArray[np.float64]) -> bytes:
-    """Return the order of each column, and all bytes of the differences, the lowest first.
+    """Return the order of each column, followed by all bytes of the differences, the lowest first.
 
     Args:
         array: Floats, shape (T, ...).
@@ -64,7 +64,7 @@ def _differences(array: NDArray[np.float64]) -> bytes:
 
 
 def _bits(words: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return about how many bits the columns of words, shape (T, columns), hold, shape (columns,)."""
+    """Return the approximate number of bits in each column of words, shape (T, columns), shape (columns,)."""
     return np.log2(1.0 + np.abs(words.astype(np.float64))).sum(axis=0)
 
 
@@ -75,7 +75,7 @@ def unpack(packed: NDArray[np.uint8]) -> NDArray[Any]:
         packed: Bytes that `pack` returned, shape (k,).
 
     Raises:
-        InvalidValueError: where the bytes are damaged.
+        InvalidValueError: for damaged bytes.
     """
     if packed.dtype != np.uint8 or packed.ndim != 1:
         raise InvalidValueError("packed series", f"{packed.dtype} of shape {packed.shape}", "bytes")
@@ -96,11 +96,11 @@ def unpack(packed: NDArray[np.uint8]) -> NDArray[Any]:
 def pack_moved(
     position: NDArray[np.float64], velocity: NDArray[np.float64], start: NDArray[np.float64], h: float
 ) -> NDArray[np.uint8]:
-    """Pack positions that follow from velocities, q = q before + h v, by what is left of that: rounding.
+    """Pack positions that follow from velocities, q = q_before + h v, by their rounding differences.
 
     Args:
-        position: [rad or m], shape (T, n).
-        velocity: [rad/s or m/s], shape (T, n).
+        position: Positions [rad or m], shape (T, n).
+        velocity: Velocities [rad/s or m/s], shape (T, n).
         start: Position before the first [rad or m], shape (n,).
         h: Timestep [s].
 
@@ -120,7 +120,7 @@ def unpack_moved(
 
     Args:
         packed: Bytes that `pack_moved` returned, shape (k,).
-        velocity: [rad/s or m/s], shape (T, n).
+        velocity: Velocities [rad/s or m/s], shape (T, n).
         start: Position before the first [rad or m], shape (n,).
         h: Timestep [s].
 
@@ -128,7 +128,7 @@ def unpack_moved(
         Positions [rad or m], shape (T, n).
 
     Raises:
-        InvalidValueError: where the bytes are damaged.
+        InvalidValueError: for damaged bytes.
     """
     rest = unpack(packed)
     if rest.shape != velocity.shape or rest.dtype != np.float64:
@@ -141,7 +141,7 @@ def unpack_moved(
 
 
 def pack_together(series: Mapping[str, tuple[list[str], list[NDArray[np.uint8]]]]) -> NDArray[np.uint8]:
-    """Pack many packed series into one: members of an archive would each take some hundred bytes more.
+    """Pack many packed series into one, since each member of an archive would take some hundred bytes more.
 
     Args:
         series: Name -> its metadata, and its parts as packed by `pack`, shape (k,) each.
@@ -162,7 +162,7 @@ def unpack_together(packed: NDArray[np.uint8]) -> dict[str, tuple[list[str], lis
         packed: Bytes that `pack_together` returned, shape (k,).
 
     Raises:
-        InvalidValueError: where the bytes are damaged.
+        InvalidValueError: for damaged bytes.
     """
     found: dict[str, tuple[list[str], list[NDArray[np.uint8]]]] = {}
     try:
@@ -182,7 +182,7 @@ def unpack_together(packed: NDArray[np.uint8]) -> dict[str, tuple[list[str], lis
 
 
 def _summed(body: bytes, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Return what `_differences` was made of."""
+    """Return the array, of a given shape, from the bytes that `_differences` returned."""
     count = math.prod(shape[1:])
     orders = np.frombuffer(body[:count], np.uint8)
     unsigned = _words(body[count:], count, shape[0])
@@ -194,6 +194,6 @@ def _summed(body: bytes, shape: tuple[int, ...]) -> NDArray[np.float64]:
 
 
 def _words(planes: bytes, columns: int, rows: int) -> NDArray[np.uint64]:
-    """Put the bytes of words together again, shape (rows, columns)."""
+    """Return the words, shape (rows, columns), from bytes grouped by weight."""
     bytes_of_words = np.frombuffer(planes, np.uint8).reshape(8, rows * columns).T.copy()
     return np.ascontiguousarray(bytes_of_words.view(np.uint64).reshape(columns, rows).T)

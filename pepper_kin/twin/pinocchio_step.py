@@ -1,8 +1,8 @@
 """The equation of motion of one step by Pinocchio, in place of the kernels of `step_kernel`.
 
-The compiled loop over time calls it at an address, as it calls kernels: contacts, stops and whole runs are
-the same.  Of (M + J + h diag(k)) a = c - k v - b + load, M is that of the composite-rigid-body algorithm, and
-b Pinocchio's bias; LAPACK solves it by a Cholesky factorization, in an eighth of the time that the
+The compiled time loop calls it at an address, like kernels, so that contacts, stops and whole runs are the
+same.  In (M + J + h diag(k)) a = c - k v - b + load, M comes from the composite-rigid-body algorithm, and b
+is Pinocchio's bias; LAPACK solves the system by a Cholesky factorization, in an eighth of the time that the
 articulated-body algorithm of Pinocchio's wheel takes for 15 joints.
 """
 
@@ -32,15 +32,15 @@ pinocchio, lapack = lazy_module("pinocchio"), lazy_module("scipy.linalg.lapack")
 _CALLED = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3)
 
 MOST_ARRAYS = 64
-"""Views of memory that a function called at an address keeps, two for each workspace in use."""
+"""Maximum number of cached memory views of a function called at an address, two for each workspace."""
 
 
 class PythonKernel:
-    """A function of an input and an output array that is called at an address, as a kernel.
+    """A Python function of an input and an output array that is called at an address, like a kernel.
 
     Attributes:
-        lanes: Robots of a call.
-        work_size: Numbers of memory that it needs.
+        lanes: Number of robots of a call.
+        work_size: Size of the work memory.
     """
 
     lanes, work_size = 1, 1
@@ -53,14 +53,14 @@ class PythonKernel:
         self._callback = _CALLED(self._call)
 
     def address_of(self, function: str, *, inputs: int, outputs: int, work: int) -> int:
-        """Return the address of the function, for arrays of these sizes; see `Kernel.address_of`."""
+        """Return the address of the function, for arrays of the given sizes; see `Kernel.address_of`."""
         self._sizes = inputs, outputs
         return int(ctypes.cast(self._callback, ctypes.c_void_p).value or 0)
 
     def _call(self, read: int, written: int, work: int) -> None:
         inputs, outputs = self._sizes
         result = self._array(written, outputs)
-        result[-1] = np.nan  # what fails ends the run, and `reraise` says why
+        result[-1] = np.nan  # a failure ends the run, and `reraise` tells why
         try:
             self._function(self._array(read, inputs), result)
         except BaseException as error:  # Ctrl-C too: nothing may pass through compiled code
@@ -68,7 +68,7 @@ class PythonKernel:
             self._raised = self._raised or error
 
     def _array(self, address: int, size: int) -> Array:
-        """Return memory as an array, which is made once for each address."""
+        """Return a cached array view of the memory at an address."""
         found = self._arrays.get((address, size))
         if found is None:
             if len(self._arrays) >= MOST_ARRAYS:
@@ -77,23 +77,23 @@ class PythonKernel:
         return found
 
     def reraise(self) -> None:
-        """Raise what the function has raised first since the last time, and forget it."""
+        """Raise the first error of the function since the last call of `reraise`, and clear it."""
         error, self._raised = self._raised, None
         if error is not None:
             raise error
 
 
 class _Thread(threading.local):
-    """What one thread computes with.
+    """Working data of one thread.
 
     Attributes:
-        loads: Parameters of what is carried, as bytes.
-        robot: The robot that carries it.
-        inputs: Of both drive kernels: the step's inputs without loads, gravity, accelerations.
-        force: Output of the first: force, implicit and servo, shape (3, n).
-        ends: Output of the second, shape (3 n + 1,).
-        parts: Parts of `inputs`: the step's, gravity, accelerations.
-        work: Memory of both.
+        loads: Parameters of the carried loads, as bytes.
+        robot: The robot with these loads.
+        inputs: Inputs of both drive kernels: the step's inputs without loads, gravity, accelerations.
+        force: Output of the first kernel: force, implicit and servo, shape (3, n).
+        ends: Output of the second kernel, shape (3 n + 1,).
+        parts: Parts of `inputs`: the step's inputs, gravity, accelerations.
+        work: Work memory of both kernels.
     """
 
     def __init__(self, before: Kernel, after: Kernel, n: int) -> None:
@@ -109,23 +109,23 @@ class _Thread(threading.local):
 def pinocchio_steps(
     pepper: PepperModel, variant: Variant, before: Kernel, after: Kernel, places: tuple[Place, ...]
 ) -> tuple[PythonKernel, PythonKernel]:
-    """Return what steps and what solves: see `step_kernel.step_function` and `step_kernel.solve_function`.
+    """Return kernels for a step and a solve, see `step_kernel.step_function` and `solve_function`.
 
     Args:
         pepper: The robot.
-        variant: What the step has to take into account.
-        before: What actuators do, see `step_kernel.drive_functions`.
-        after: What follows from the accelerations.
+        variant: Features that the step has to include.
+        before: Kernel of the actuators, see `step_kernel.drive_functions`.
+        after: Kernel of the quantities that follow from the accelerations.
         places: Entries of the mass matrix that may not be zero.
 
     Raises:
-        InvalidValueError: for masses that are scaled.
+        InvalidValueError: for scaled masses.
     """
     if variant.scaled:
         raise InvalidValueError("solvers", repr(pepper.solvers), "'fast' where masses of a batch are scaled")
     upper_rows, upper_columns = np.sort(np.array(places)).T
     n, count = pepper.n, len(places)
-    thread, coupled = _Thread(before, after, n), pepper.is_coupled  # it keeps the kernels alive, too
+    thread, coupled = _Thread(before, after, n), pepper.is_coupled  # the closures keep the kernels alive, too
     size, work_size = thread.inputs.size - 2 * n, thread.work.size
     drive, end = (
         _CALLED(kernel.address_of("single", inputs=read, outputs=written, work=work_size))
@@ -172,12 +172,12 @@ def pinocchio_steps(
 
 
 def _solved(mass: Array, extra: Array, right: Array) -> Array:
-    """Return x of (M + diag(extra)) x = right, NaN where the matrix is not positive definite.
+    """Return x of (M + diag(extra)) x = right, NaN if the matrix is not positive definite.
 
     Args:
-        mass: M, of which the upper half is read, shape (n, n).
-        extra: Shape (n,).
-        right: Shape (n,).
+        mass: Matrix M, shape (n, n), of which the upper half is read.
+        extra: Addition to the diagonal, shape (n,).
+        right: Right-hand side, shape (n,).
     """
     matrix = np.array(mass, order="F")
     matrix.ravel("K")[:: len(matrix) + 1] += extra
@@ -186,7 +186,7 @@ def _solved(mass: Array, extra: Array, right: Array) -> Array:
 
 
 def _loads(frames: tuple[str, ...], parameters: Array) -> tuple[Load, ...]:
-    """Return what frames carry, by mass m, m c and second moments about the frames' origins."""
+    """Return the frames' loads from mass m, m c and second moments about the frames' origins."""
     found = []
     for frame, own in zip(frames, parameters.reshape(-1, PARAMETERS), strict=True):
         mass, first, (xx, xy, xz, yy, yz, zz) = float(own[0]), own[1:4], own[4:]

@@ -1,4 +1,4 @@
-"""Pushes from outside: a force on a point of the robot for some time."""
+"""Pushes: external forces on a point of the robot for some time."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ class Push(FrozenArrays):
     """A constant force; arrays are read-only.
 
     Attributes:
-        frame: Frame that it acts on.
-        force: In world axes [N], shape (3,).
-        point: Where, in the frame's axes [m], shape (3,).
-        start: When it begins on the twin's clock [s].
-        duration: How long it lasts [s]; infinite for ever.
+        frame: Name of the frame that it acts on.
+        force: Force in world axes [N], shape (3,).
+        point: Point of action in the frame's axes [m], shape (3,).
+        start: Start time on the twin's clock [s].
+        duration: Duration [s]; may be infinite.
     """
 
     frame: str
@@ -45,19 +45,19 @@ class Push(FrozenArrays):
         start: float,
         duration: float,
     ) -> Push:
-        """Return a push, or refuse it.
+        """Return a push, after checks.
 
         Args:
             pepper: The robot.
-            frame: Frame that it acts on.
-            force: In world axes [N], shape (3,).
-            point: Where, in the frame's axes [m], shape (3,); its origin if None.
-            start: When it begins on the twin's clock [s].
-            duration: How long it lasts [s].
+            frame: Name of the frame that it acts on.
+            force: Force in world axes [N], shape (3,).
+            point: Point of action in the frame's axes [m], shape (3,); the frame's origin if None.
+            start: Start time on the twin's clock [s].
+            duration: Duration [s].
 
         Raises:
             UnknownNameError: for a frame that the robot lacks.
-            InvalidValueError: naming the quantity that is wrong.
+            InvalidValueError: for a wrong value, naming its quantity.
         """
         pepper.frame_id(frame)
         place = np.zeros(3) if point is None else as_finite(point, "point", (3,), MOST)
@@ -67,22 +67,22 @@ class Push(FrozenArrays):
             raise InvalidValueError("duration", duration, "a time above 0 s, or infinity")
         force = as_finite(force, "force", (3,), MOST)
         arm, size = float(np.linalg.norm(place)), float(np.linalg.norm(force))
-        if arm * size > MOST:  # its moment, which would be refused only as it acts
+        if arm * size > MOST:  # its moment, which would otherwise be refused only later
             raise InvalidValueError(
                 "force", f"{size:g} N at a point {arm:g} m away", f"a moment up to {MOST:g} N m"
             )
         return cls(frame, read_only(force), read_only(place), float(start), float(duration))
 
     def acts_within(self, begin: float, end: float) -> bool:
-        """Return whether it acts at some time between two [s]."""
+        """Return whether the push acts at some time between two times [s]."""
         return self.start < end and begin < self.start + self.duration
 
     def acts_at(self, time: float) -> bool:
-        """Return whether it acts at a time [s]."""
+        """Return whether the push acts at a time [s]."""
         return self.start <= time < self.start + self.duration
 
     def load(self, pepper: PepperModel, q: Array) -> Array:
-        """Return J(q)^T f, its worth at the joints [N m or N], shape (n,), at q [rad or m], shape (n,)."""
+        """Return its joint torques J(q)^T f [N m or N], shape (n,), at q [rad or m], shape (n,)."""
         moment: Array = np.zeros(3)
         if self.point.any():
             offset = frame_pose(pepper, q, self.frame)[:3, :3] @ self.point
@@ -102,9 +102,9 @@ class Push(FrozenArrays):
 
 
 def loads_of(pushes: Sequence[Push], pepper: PepperModel, q: Array, time: float) -> tuple[Array, Array]:
-    """Return what the pushes of a time [s] are worth at the joints, shape (n,), and their wrench, shape (6,).
+    """Return joint torques [N m or N], shape (n,), and wrench, shape (6,), of all pushes at a time [s].
 
-    The first in N m or N, at positions q [rad or m], shape (n,); see `Push.wrench` for the second.
+    The joint positions are q [rad or m], shape (n,); see `Push.wrench` for the wrench.
     """
     load, wrench = np.zeros(pepper.n), np.zeros(6)
     for push in pushes:

@@ -1,4 +1,4 @@
-"""The twin against the wall clock, for interactive use."""
+"""The twin synchronized with the wall clock, for interactive use."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ Commander = Callable[[TwinState], ArrayLike | None]
 
 @dataclass(frozen=True, eq=False)
 class Timing(FrozenArrays):
-    """How well the clock was kept; arrays are read-only.
+    """Timing of a real-time run; arrays are read-only.
 
     Attributes:
-        period: Time from tick to tick that was wanted [s].
-        late: How much after its time each tick's state was there [s], shape (ticks,); zero or more.
-        busy: Time that each tick took to compute [s], shape (ticks,).
-        message: Why it ended; empty where the time was up or the commander had enough.
+        period: Requested time from tick to tick [s].
+        late: Delay of each tick's state after its due time [s], shape (ticks,); zero or more.
+        busy: Computing time of each tick [s], shape (ticks,).
+        message: Reason of the end; empty if the time was up or the commander ended the run.
     """
 
     period: float
@@ -57,7 +57,7 @@ class Timing(FrozenArrays):
 
     @property
     def real_time_factor(self) -> float:
-        """Simulated over computing time: how many times faster than the clock it could go."""
+        """Simulated time over computing time, the possible speed relative to the wall clock."""
         return float(self.period * len(self) / np.sum(self.busy)) if len(self) else float("nan")
 
     def report(self) -> str:
@@ -81,25 +81,25 @@ def run_real_time(
     duration: float | None = None,
     on_state: Callable[[TwinState], None] | None = None,
 ) -> Timing:
-    """Step a twin against the wall clock.
+    """Step a twin in time with the wall clock.
 
-    At every tick the commander is shown the state and returns where the joints should be at the next tick;
-    the reference moves there evenly.  The loop sleeps for what is left of the tick.  Ticks that come late are
-    not made up for by rushing: the clock is set again when it is a whole period behind.
+    At every tick the commander gets the state and returns the joint positions for the next tick; the
+    reference moves there evenly.  The loop sleeps for the rest of the tick.  Late ticks are not caught up:
+    the clock is reset when it is a whole period behind.
 
     Args:
-        twin: The twin, from where it stands.
-        commander: State to wanted position [rad or m], shape (n,); None ends it.
+        twin: The twin, which starts in its present state.
+        commander: Function from the state to target positions [rad or m], shape (n,); None ends the run.
         period: Time from tick to tick [s], a multiple of the twin's timestep.
-        duration: When to end [s]; when the commander returns None if omitted.
-        on_state: Shown the state after each tick, to draw or to send it.
+        duration: Duration of the run [s]; until the commander returns None if omitted.
+        on_state: Function that gets the state after each tick, to draw or to send it.
 
     Returns:
-        How well the clock was kept; its message names the reason where a step diverged.
+        The timing; its message names the reason if a step diverged.
 
     Raises:
-        InvalidValueError: for a period that is not a multiple of the timestep, or what the commander returns,
-            by name.
+        InvalidValueError: for a period that is not a multiple of the timestep, or invalid positions of the
+            commander.
     """
     period = check_positive("period", period, "s")
     steps = round(period / twin.timestep)
@@ -133,7 +133,7 @@ def run_real_time(
             late.append(max(end - due, 0.0))
             break
         while (left := due - time.perf_counter()) > 0:
-            time.sleep(left if left > 2e-4 else 0.0)  # the system wakes late: check again near the end
+            time.sleep(left if left > 2e-4 else 0.0)  # the system may wake late: poll near the end
         late.append(max(time.perf_counter() - due, 0.0))
         if late[-1] > period:
             due = time.perf_counter()

@@ -1,4 +1,4 @@
-"""Runs of the twin kept on disk while they happen, a second at a time."""
+"""Recording of the twin's runs on disk while they happen, in chunks of a second."""
 
 from __future__ import annotations
 
@@ -27,25 +27,25 @@ from pepper_kin.twin.twin import Twin
 
 
 class Recorder:
-    """Lets a twin move, and writes everything down while it does.
+    """Recorder of a twin's motion.
 
         recorder = Recorder(pk.Twin(pepper), "monday", seed=3)
         recorder.execute(trajectory)
         recorder.recording.save("monday.mcap")
 
-    A recording is a folder: `recording.json` lists what was recorded, and each second of the twin's time is a
-    separate file, written whole or not at all.  After a crash all but the second that was under way is
-    there; `Recorder.resume` takes it up again.  Kept are the commands of every step, what came of them
-    (position, velocity, torque), and every reading of the sensors with its truth and its time.
+    A recording is a folder: `recording.json` is its header, and each second of the twin's time is a separate
+    file, written completely or not at all.  After a crash, only the current second is missing;
+    `Recorder.resume` continues the recording.  Commands, position, velocity and torque of every step are
+    recorded, and every sensor reading with its true value and time.
 
     Args:
-        twin: The twin, as it begins: it is reset to where it stands.
-        folder: Folder of the recording; made if missing, and must not hold one.
+        twin: The twin, which is reset to its present position and velocity.
+        folder: Folder of the recording; created if missing, and must not contain a recording.
         chunk: Time between files [s].
         seed: Stored in the header; pass it to the sensors and to all else that is random.
 
     Raises:
-        FileFormatError: where the folder holds a recording already, or cannot be written.
+        FileFormatError: if the folder contains a recording already, or cannot be written.
     """
 
     def __init__(self, twin: Twin, folder: PathName, *, chunk: float = 1.0, seed: int = 0) -> None:
@@ -78,22 +78,22 @@ class Recorder:
 
     @classmethod
     def resume(cls, twin: Twin, folder: PathName) -> Recorder:
-        """Go on with a recording that was broken off.
+        """Continue an interrupted recording.
 
-        The twin makes everything that was recorded again, which puts sensors, world and delays where they
-        were, and is compared with the recording to the last bit.
+        The twin replays the recording, which restores the states of sensors, world and delays, and is
+        compared with it bit by bit.
 
         Args:
-            twin: A twin made like the one that was recorded.
-            folder: The recording.
+            twin: A twin created like the recorded one.
+            folder: Folder of the recording.
 
         Returns:
             A recorder at the end of the last whole chunk, at the time `recorder.time`.
 
         Raises:
-            FileFormatError: where there is no recording, or it is damaged.
-            InvalidValueError: where the twin is another one: other joints, timestep or physics, with the
-                step at which it first differs.
+            FileFormatError: if there is no recording, or it is damaged.
+            InvalidValueError: for a twin with other joints, timestep or physics, naming the first step that
+                differs.
         """
         found = load_recording(folder)
         found.replay(twin)
@@ -104,30 +104,30 @@ class Recorder:
 
     @property
     def time(self) -> float:
-        """How far the recording goes on the twin's clock [s]."""
+        """End of the recording on the twin's clock [s]."""
         return self.twin.state.time
 
     @property
     def recording(self) -> Recording:
-        """What has been written so far."""
+        """The recording written so far."""
         return load_recording(self.folder)
 
     def execute(self, trajectory: Trajectory, hold_time: float = 0.0) -> Run:
-        """Follow a trajectory from where the twin stands, and write it down.
+        """Follow a trajectory from the twin's present state, and record it.
 
-        Of a recording that was resumed the part that is there already is left out, if it was this
-        trajectory from the beginning.
+        In a resumed recording, the part that is already recorded is skipped, if the recording began with the
+        same trajectory.
 
         Args:
-            trajectory: What to follow; its joints must be the robot's, its start where the twin began.
+            trajectory: The trajectory; its joints must be the robot's, its start where the twin began.
             hold_time: Time to hold the end afterwards [s].
 
         Returns:
-            What the twin did now.
+            The new part of the run.
 
         Raises:
             InvalidValueError: for other joints, or a hold time that is not a finite number of at least 0.
-            FileFormatError: where a file cannot be written.
+            FileFormatError: if a file cannot be written.
         """
         rows = sampled(self.twin.pepper, trajectory, hold_time, self.twin.timestep)
         done = round(self.time / self.twin.timestep)
@@ -147,15 +147,15 @@ class Recorder:
         """Follow references with a row for every timestep, and record it; see `Twin.follow`.
 
         Args:
-            position: Position wanted at the end of each step [rad or m], shape (T, n).
-            velocity: Velocity wanted then [rad/s or m/s], shape (T, n); zero if omitted.
-            acceleration: Used by the feed-forward "inverse_dynamics" only [rad/s^2 or m/s^2], shape (T, n);
-                zero if omitted.
-            effort: Torque of the joints in torque mode [N m or N], shape (T, n); zero if omitted.
-            load: Torque on the joints from elsewhere [N m or N], shape (T, n); none if omitted.
+            position: Reference positions at the end of each step [rad or m], shape (T, n).
+            velocity: Reference velocities [rad/s or m/s], shape (T, n); zero if omitted.
+            acceleration: Reference accelerations for the feed-forward "inverse_dynamics" [rad/s^2 or m/s^2],
+                shape (T, n); zero if omitted.
+            effort: Torques of joints in torque mode [N m or N], shape (T, n); zero if omitted.
+            load: External torques on the joints [N m or N], shape (T, n); none if omitted.
 
         Returns:
-            What the twin did now; where it stopped, everything up to there is written.
+            The new part of the run; if it stopped, everything before the stop is recorded.
 
         Raises:
             InvalidValueError: naming the quantity, for a wrong shape, NaN or infinity.
@@ -183,7 +183,7 @@ class Recorder:
         return _joined(parts, self.twin.timestep)
 
     def _is_begin_of(self, position: Array) -> bool:
-        """Return whether the positions recorded are these [rad or m], shape (T, n), to the last bit."""
+        """Return whether the recorded positions equal given ones [rad or m], shape (T, n), bit by bit."""
         recorded = np.concatenate([chunk["position"] for chunk in self.recording.inputs()])
         return recorded.shape == position.shape and bool(np.array_equal(recorded, position))
 
@@ -191,9 +191,9 @@ class Recorder:
         """Write a chunk.
 
         Args:
-            inputs: Name of a command -> its numbers, shape (T, n) each.
-            run: What the twin did.
-            pushes: Those of the twin.
+            inputs: Name of a command -> its values, shape (T, n) each.
+            run: The run of the chunk.
+            pushes: Pushes on the twin.
         """
         rows = len(run) - 1
         arrays: dict[str, Any] = {f"in.{name}": pack(array[:rows]) for name, array in inputs.items()}
@@ -221,7 +221,7 @@ class Recorder:
 
 
 def _joined(parts: list[Run], timestep: float) -> Run:
-    """Join runs that follow one another."""
+    """Join successive runs."""
     if len(parts) == 1:
         return parts[0]
     ends = np.cumsum([0.0, *(part.duration for part in parts)])
@@ -247,7 +247,7 @@ def _joined(parts: list[Run], timestep: float) -> Run:
 
 
 def _news(run: Run, first: bool) -> dict[str, ReadingSeries]:
-    """Return the readings of a run, without those of its start, which the run before it has already."""
+    """Return the readings of a run, without readings at its start, which the previous run contains."""
     if first:
         return dict(run.readings)
     recorded = {}

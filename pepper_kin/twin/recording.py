@@ -1,4 +1,4 @@
-"""Recordings of the twin: reading them, making them again, and handing them to other programs."""
+"""Recordings of the twin: reading, replay and export."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ class Recording:
     """Recording written by a `Recorder`; read from disk at each access.
 
     Attributes:
-        folder: Where it is.
+        folder: Folder of the recording.
         header: Content of `recording.json`.
-        chunks: Number of whole chunks, one after the other from the first.
+        chunks: Number of successive complete chunks from the first.
     """
 
     folder: Path
@@ -55,17 +55,17 @@ class Recording:
 
     @property
     def timestep(self) -> float:
-        """Of the twin [s]."""
+        """Timestep of the twin [s]."""
         return float(self.header["timestep"])
 
     @property
     def chunk_steps(self) -> int:
-        """Timesteps in a chunk, the last before a pause excepted."""
+        """Number of timesteps in a chunk, except the last one before a pause."""
         return int(self.header["chunk_steps"])
 
     @property
     def size(self) -> int:
-        """Of all its files [byte]."""
+        """Total size of all files [byte]."""
         return sum(path.stat().st_size for path in self.folder.iterdir() if path.is_file())
 
     def inputs(self) -> Iterator[dict[str, Array]]:
@@ -79,13 +79,14 @@ class Recording:
             yield inputs
 
     def run(self, torque_limit: Array | None = None) -> Run:
-        """Return everything as one run of the twin, readings of the sensors included.
+        """Return the whole recording as one run of the twin, including sensor readings.
 
         Args:
-            torque_limit: Of the actuators [N m or N], shape (n,), for the run's report; none if omitted.
+            torque_limit: Torque limits of the actuators [N m or N], shape (n,), for the run's report; none if
+                omitted.
 
         Raises:
-            FileFormatError: naming the file that is damaged.
+            FileFormatError: for a damaged file, naming it.
         """
         n, start = len(self.joint_names), self.header["start"]
         first = {name: np.array([float.fromhex(x) for x in start[name]])[None] for name in STATES}
@@ -107,7 +108,7 @@ class Recording:
                 wrench.append(unpack(chunk[key]) if key in chunk else np.zeros((count, 6)))
                 _check_shapes({key: wrench[-1]}, 6, count)
                 message = str(chunk["message"])
-                # Of before statuses were kept.
+                # Older recordings have no status.
                 word = "stopped" if message else "completed"
                 word = str(chunk["status"]) if "status" in chunk else word
                 status = RunStatus(word)  # type: ignore[call-arg]
@@ -132,7 +133,7 @@ class Recording:
         )
 
     def readings(self) -> dict[str, ReadingSeries]:
-        """Return what the sensors said, by name, on the twin's clock."""
+        """Return the sensor readings by name, with times on the twin's clock."""
         parts: dict[str, list[tuple[Array, Any, Any]]] = {}
         about: dict[str, tuple[str, str]] = {}
         for index, chunk in enumerate(self._read()):
@@ -158,14 +159,14 @@ class Recording:
         }
 
     def replay(self, twin: Twin) -> None:
-        """Make everything again with a twin, which afterwards stands where the recording ends.
+        """Replay the recording with a twin, whose final state is the end of the recording.
 
         Args:
-            twin: A twin made like the one that was recorded: same robot, timestep, actuators, world, sensors.
+            twin: A twin created like the recorded one: same robot, timestep, actuators, world, sensors.
 
         Raises:
-            InvalidValueError: where it is another one, or a state differs in a single bit, with the step.
-            FileFormatError: naming the file that is damaged.
+            InvalidValueError: for another twin, or a state that differs in a single bit, naming the step.
+            FileFormatError: for a damaged file, naming it.
         """
         mine = {
             "joints": list(twin.pepper.joint_names),
@@ -193,14 +194,14 @@ class Recording:
             step, before = step + len(run) - 1, np.concatenate([[before], recorded["position"]])[-1]
 
     def save(self, path: PathName) -> Path:
-        """Write it for other programs: .npz (all arrays), .csv (states) or .mcap (states and sensors).
+        """Export the recording: .npz (all arrays), .csv (states) or .mcap (states and sensors).
 
         Returns:
             The path.
 
         Raises:
-            FileFormatError: for another suffix, or where it cannot be written.
-            MissingDependencyError: for .mcap where the package `mcap` is not installed.
+            FileFormatError: for another suffix, or if the file cannot be written.
+            MissingDependencyError: for .mcap if the package `mcap` is not installed.
         """
         return save_recording(self, path)
 
@@ -208,7 +209,7 @@ class Recording:
         """Return the states of a chunk's steps, shape (T, n) each.
 
         Args:
-            chunk: What was recorded.
+            chunk: Arrays of the chunk.
             before: Position before the steps [rad or m], shape (n,).
         """
         velocity, torque = unpack(chunk["out.velocity"]), unpack(chunk["out.torque"])
@@ -220,7 +221,7 @@ class Recording:
 
     @contextlib.contextmanager
     def _named(self, index: int) -> Iterator[None]:
-        """Name the file of a chunk in what is raised about its content."""
+        """Convert errors about a chunk's content to errors that name its file."""
         try:
             yield
         except FileFormatError:
@@ -243,7 +244,7 @@ def _check_shapes(arrays: dict[str, Array], n: int, count: int | None = None) ->
     """Refuse arrays that are not finite floats of shape (count, n).
 
     Raises:
-        ValueError: naming the array.
+        ValueError: for such an array, naming it.
     """
     for name, array in arrays.items():
         if array.dtype != np.float64 or array.ndim != 2 or array.shape[1] != n:
@@ -261,10 +262,10 @@ def load_recording(folder: PathName) -> Recording:
         folder: Folder of a `Recorder`.
 
     Returns:
-        The recording; chunks after a missing one do not count.
+        The recording; chunks after a missing one are ignored.
 
     Raises:
-        FileFormatError: where there is none, or its header is damaged.
+        FileFormatError: if there is no recording, or its header is damaged.
     """
     place = Path(folder)
     header = read_header(place)
@@ -289,15 +290,15 @@ def _compare(
     """Refuse a replay that differs from the recording.
 
     Args:
-        name: Of the quantity.
-        again: What the replay made, shape (T, n).
-        recorded: What was recorded, the same shape, or another T where the replay stopped elsewhere.
-        step: Number of the step before the first row.
-        timestep: Of the twin [s].
+        name: Name of the quantity.
+        again: Values of the replay, shape (T, n).
+        recorded: Recorded values, shape (T', n), where T' differs if the replay stopped elsewhere.
+        step: Index of the step before the first row.
+        timestep: Timestep of the twin [s].
         joints: Names of the columns.
 
     Raises:
-        InvalidValueError: naming quantity, joint, step and time of the first number that differs.
+        InvalidValueError: for a difference, naming quantity, joint, step and time of the first one.
     """
     count = min(len(again), len(recorded))
     same = again[:count].view(np.uint64) == recorded[:count].view(np.uint64)

@@ -1,4 +1,4 @@
-"""Recordings of the twin as files of other programs."""
+"""Export of recordings of the twin to files of other programs."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ if TYPE_CHECKING:
 
 
 def save_recording(recording: Recording, path: PathName) -> Path:
-    """Write a recording by suffix.
+    """Write a recording in the format of the file's suffix.
 
-    `.npz`: every array, `reading.NAME.time`, `.value` and `.truth` for the sensors.  `.csv`: what `Run.save`
-    writes.  `.mcap`: `/joint_states` (sensor_msgs/msg/JointState) at every step,
-    `/external_wrench` (std_msgs/msg/Float64MultiArray) where forces act from outside, and for each sensor
-    `/sensors/NAME` and `/truth/NAME` (the same type), pictures excepted.
+    `.npz`: all arrays, with `reading.NAME.time`, `.value` and `.truth` for the sensors.  `.csv`: the table of
+    `Run.save`.  `.mcap`: `/joint_states` (sensor_msgs/msg/JointState) at every step, `/external_wrench`
+    (std_msgs/msg/Float64MultiArray) if external forces act, and for each sensor except cameras
+    `/sensors/NAME` and `/truth/NAME` (of the same type).
 
     Args:
         recording: The recording.
-        path: The file; its folder must exist.
+        path: Path of the file; its folder must exist.
 
     Returns:
         The path.
 
     Raises:
-        FileFormatError: for another suffix, or where it cannot be written.
-        MissingDependencyError: for .mcap where the package `mcap` is not installed.
+        FileFormatError: for another suffix, or if the file cannot be written.
+        MissingDependencyError: for .mcap if the package `mcap` is not installed.
     """
     suffix = Path(path).suffix.lower()
     if suffix == ".csv":

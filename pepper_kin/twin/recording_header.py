@@ -19,7 +19,7 @@ from pepper_kin.twin.twin import FEEDFORWARDS
 
 HEADER = "recording.json"
 FORMAT = "pepper_kin.recording 2"
-_LOAD_TEXTS = 12  # that describe a load
+_LOAD_TEXTS = 12  # number of texts that describe a load
 STATES = ("position", "velocity", "torque")
 
 
@@ -40,7 +40,7 @@ def described(loads: Loads) -> list[list[Any]]:
 
 
 def loads_in(header: dict[str, Any]) -> Loads:
-    """Return what the robot of a recording carried."""
+    """Return the loads of the robot in a recording."""
     found = []
     for frame, *texts, name in header["loads"]:
         mass, x, y, z, xx, xy, xz, yy, yz, zz = map(float.fromhex, texts)
@@ -77,7 +77,7 @@ def write_header(folder: Path, header: dict[str, Any]) -> None:
     """Write the header of a recording, with its format and checksum.
 
     Raises:
-        FileFormatError: where it cannot be written.
+        FileFormatError: if the file cannot be written.
     """
     whole = {"format": FORMAT, **header}
     whole["checksum"] = _checksum(whole)
@@ -88,7 +88,7 @@ def read_header(folder: Path) -> dict[str, Any]:
     """Read and check the header of a recording.
 
     Raises:
-        FileFormatError: naming the file and the entry that is missing or wrong.
+        FileFormatError: for a missing or wrong entry, naming the file and the entry.
     """
     path = folder / HEADER
     if not os.path.isfile(path):

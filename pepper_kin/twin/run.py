@@ -45,29 +45,29 @@ _KNOWN = "robot.external_known"
 class Run(FrozenArrays):
     """A motion of the twin; arrays are read-only.
 
-    The base of a twin is held: it neither tips nor slides, whatever acts on it.  `BalanceMonitor.assess_run`
-    returns whether the robot would have stood, with what it carried and all outside forces of the run.
+    The base of a twin is held: it neither tips nor slides under any load.  `BalanceMonitor.assess_run` tells
+    whether the robot would have kept standing, with its loads and all external forces of the run.
 
     Attributes:
         joint_names: Order of the columns.
         joint_units: "rad" or "m" for each joint.
-        time: [s], shape (T,), from 0 in steps of the twin.
-        position: [rad or m], shape (T, n).
-        velocity: [rad/s or m/s], shape (T, n).
-        torque: Of the servos, during the step that ends at each time; the first row is their torque at the
-            start [N m or N], shape (T, n).
-        reference_position: What the servos were to follow [rad or m], shape (T, n).
-        reference_velocity: [rad/s or m/s], shape (T, n).
-        torque_limit: Of the servos [N m or N], shape (n,), inf for none.
-        status: How it ended.
-        message: Why it did not complete: joint, distance from its reference and what it touches, or step and
+        time: Times [s], shape (T,), from 0 in steps of the twin.
+        position: Joint positions [rad or m], shape (T, n).
+        velocity: Joint velocities [rad/s or m/s], shape (T, n).
+        torque: Torques of the servos during the step that ends at each time [N m or N], shape (T, n); the
+            first row is the torque at the start.
+        reference_position: Reference positions of the servos [rad or m], shape (T, n).
+        reference_velocity: Reference velocities of the servos [rad/s or m/s], shape (T, n).
+        torque_limit: Torque limits of the servos [N m or N], shape (n,), inf for none.
+        status: Status of the run.
+        message: Reason why it did not complete: joint, distance from its reference and contact, or step and
             cause of a stop; empty if it completed.
-        readings: What the twin's sensors said meanwhile, by name; times from 0.
+        readings: Readings of the twin's sensors by name, with times from 0.
         external_wrench: Force [N] of pushes and contacts on the robot and moment about the world's origin
             [N m], in world axes, the mean of the step that ends at each time, shape (T, 6); zero in the first
-            row and if omitted.  NaN where only torques at the joints are known: in steps with a `load`, or
-            with one from an object other than a `World`.
-        loads: What the robot carried.
+            row and if omitted.  NaN if only joint torques are known: in steps with a `load`, or with contacts
+            of an object other than a `World`.
+        loads: Carried loads.
     """
 
     joint_names: tuple[str, ...]
@@ -103,7 +103,7 @@ class Run(FrozenArrays):
 
     @property
     def success(self) -> bool:
-        """Whether the run went to its end, untouched by its scene, and the robot is on its reference."""
+        """Whether the run completed without contact with its scene, and the robot is on its reference."""
         return self.status is RunStatus.COMPLETED
 
     @property
@@ -123,17 +123,17 @@ class Run(FrozenArrays):
 
     @property
     def max_error(self) -> Array:
-        """Greatest tracking error of each joint [rad or m], shape (n,)."""
+        """Maximum tracking error of each joint [rad or m], shape (n,)."""
         return np.abs(self.tracking_error).max(axis=0)
 
     @property
     def peak_torque(self) -> Array:
-        """Greatest torque of each joint [N m or N], shape (n,)."""
+        """Maximum torque of each joint [N m or N], shape (n,)."""
         return np.abs(self.torque).max(axis=0)
 
     @property
     def torque_use(self) -> Array:
-        """Share of its torque limit that each joint reached, shape (n,)."""
+        """Fraction of its torque limit that each joint reached, shape (n,)."""
         return self.peak_torque / self.torque_limit
 
     def position_at(self, t: ArrayLike) -> Array:
@@ -152,7 +152,7 @@ class Run(FrozenArrays):
         return np.stack(columns, axis=-1)
 
     def _words_on_outside(self) -> list[str]:
-        """Return in words that the base was held, and what acted on the robot from outside."""
+        """Return in words that the base was held, and the external forces on the robot."""
         lines = ["  base held: no tipping or sliding; BalanceMonitor.assess_run checks for it"]
         unknown = np.isnan(self.external_wrench).any(axis=1)
         force = np.linalg.norm(self.external_wrench[:, :3], axis=1)
@@ -167,7 +167,7 @@ class Run(FrozenArrays):
         return lines
 
     def report(self) -> str:
-        """Return tracking errors and torques of all joints as a table in words."""
+        """Return tracking errors and torques of all joints as a text table."""
         worst, hardest = int(np.argmax(self.max_error)), int(np.argmax(self.torque_use))
         names = self.joint_names
         head = [
@@ -210,7 +210,7 @@ class Run(FrozenArrays):
         }
 
     def plot(self, pepper: PepperModel, path: PathName | None = None, **options: Any) -> Any:
-        """Draw it in its units and with the limits; see `pepper_kin.trajectory.plot_motions`."""
+        """Draw the run in its units and with the limits; see `pepper_kin.trajectory.plot_motions`."""
         return plot_motions(pepper, self, path, **options)
 
     def save(self, path: PathName) -> Path:
@@ -218,16 +218,16 @@ class Run(FrozenArrays):
 
         Columns: `time`, then for all joints `.position`, `.velocity`, `.torque`, `.reference` and
         `.reference_velocity`, then of the robot `.external_force_x` to `.external_moment_z`, and
-        `.external_known`, which is 0 where these are not known.  What was carried is not in the file.
+        `.external_known`, which is 0 if these are not known.  Carried loads are not in the file.
 
         Args:
-            path: The file; its folder must exist.
+            path: Path of the file; its folder must exist.
 
         Returns:
             The path.
 
         Raises:
-            FileFormatError: where it cannot be written.
+            FileFormatError: if the file cannot be written.
         """
         columns = {TIME: self.time}
         for quantity, attribute in _QUANTITIES.items():
@@ -246,16 +246,16 @@ def load_run(pepper: Any, path: PathName, loads: Loads = ()) -> Run:
     """Read a run that `Run.save` wrote.
 
     Args:
-        pepper: The robot whose joints it must have; the source of units and torque limits.
-        path: The file.
-        loads: What the robot carried, which the file does not say; see `pepper_kin.collision.loads_of`.
+        pepper: The robot with the run's joints, which gives units and torque limits.
+        path: Path of the file.
+        loads: Carried loads, which are not in the file; see `pepper_kin.collision.loads_of`.
 
     Returns:
-        The run; its status is that of its end, since the file does not say what it touched.
+        The run; its status depends only on its end, since the file has no contacts.
 
     Raises:
-        FileFormatError: naming path and line and what is wrong there.
-        InvalidValueError: for what are no loads.
+        FileFormatError: for an invalid file, naming path, line and fault.
+        InvalidValueError: for invalid loads.
         UnknownNameError: for a load at a frame that the robot lacks.
     """
     held = checked_loads(pepper, loads)

@@ -1,4 +1,4 @@
-"""How a run of the twin ended: on its reference, away from it, or in contact."""
+"""Status of a run of the twin: on its reference at the end, away from it, or in contact."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ if TYPE_CHECKING:
 END_TOLERANCE = {"rad": 0.02, "m": 0.01}
 """Distance from the end of the reference up to which a run has completed [rad] or [m]."""
 TOUCHING = 5e-4
-"""Distance below which bodies with a force between them touch [m]: contacts act a little before they do."""
+"""Distance below which bodies with a force between them touch [m]: forces act slightly before contact."""
 ARRIVING = 0.5
 """A joint that would reach its reference within this time at its present speed is late [s]."""
 
 
 class RunStatus(ResultStatus):
-    """How a run of the twin ended."""
+    """Status of a run of the twin."""
 
     COMPLETED = "completed", "The run went to its end, and the robot is where its reference is."
     TOUCHED = (
@@ -47,15 +47,14 @@ class RunStatus(ResultStatus):
 
 
 class RunEnd(NamedTuple):
-    """What the status of a run that went to its end is found from.
+    """Data of a completed run from which its status follows.
 
     Attributes:
-        time: Of its rows [s], shape (T,).
-        position: [rad or m], shape (T, n).
-        velocity: At the end [rad/s or m/s], shape (n,).
-        reference: Position that was to be reached at the end [rad or m], shape (n,); NaN for joints that
-            follow no position.
-        wrench: From outside [N, N m], shape (T, 6), NaN where unknown; None for none.
+        time: Times of the rows [s], shape (T,).
+        position: Joint positions [rad or m], shape (T, n).
+        velocity: Joint velocities at the end [rad/s or m/s], shape (n,).
+        reference: Reference position at the end [rad or m], shape (n,); NaN for joints without one.
+        wrench: External wrench [N, N m], shape (T, 6), NaN if unknown; None for none.
     """
 
     time: Array
@@ -72,13 +71,13 @@ def status_of(
     obstacles: bool = False,
     start: float = 0.0,
 ) -> tuple[RunStatus, str]:
-    """Return the status of a run that went to its end, and why it is not `COMPLETED`, in words.
+    """Return the status of a run that reached its end, and the reason if it is not `COMPLETED`.
 
     Args:
         pepper: The robot.
-        end: The run.
-        world: What the robot met; contacts are those with a `World`.
-        obstacles: Whether the robot was to touch nothing of that world.
+        end: Data of the run.
+        world: World around the robot; only contacts with a `World` count.
+        obstacles: Whether the robot should touch nothing of the world.
         start: Time of the world at which the run begins [s].
     """
     error = end.reference - end.position[-1]
@@ -101,7 +100,7 @@ def status_of(
 
 
 def _touch(pepper: PepperModel, scene: Scene, end: RunEnd, start: float) -> str:
-    """Return where the robot was deepest in contact with a scene while outside forces act; "" for nowhere."""
+    """Return words on the deepest contact with a scene while external forces act; "" for none."""
     acting = np.zeros(0) if end.wrench is None else (end.wrench != 0.0).any(axis=1)  # NaN is not 0 either
     rows = np.flatnonzero(acting)
     if not rows.size:

@@ -1,4 +1,4 @@
-"""Timesteps of a twin between two changes of what acts on it from outside."""
+"""Timesteps of a twin between two changes of external forces."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from pepper_kin.twin.push import Push, loads_of
 
 
 class SegmentRunner:
-    """Takes timesteps of a robot under loads, pushes and contacts, and keeps account of their wrench.
+    """Runner of a robot's timesteps under loads, pushes and contacts, with their wrench.
 
     Args:
         pepper: The robot.
-        integrator: Of its steps.
+        integrator: Integrator of its steps.
         substeps: Number of the integrator's steps in a timestep.
     """
 
@@ -36,14 +36,14 @@ class SegmentRunner:
         world: WorldHook | None,
         pushes: tuple[Sequence[Push], float] | None,
     ) -> tuple[Series, BaseException | None]:
-        """Return the states after some timesteps, and why the world stopped, if it did.
+        """Return the states after some timesteps, and the error if the world stopped.
 
         Args:
             state: Position [rad or m] and velocity [rad/s or m/s] at the start, shape (n,) each.
-            command: Of each timestep.
-            load: Torques on the joints from elsewhere [N m or N], shape (T, n) or (1, n).
-            world: What the robot meets.
-            pushes: All pushes and the time at the start [s]; None where none acts.
+            command: Commands of the timesteps, shape (T, n) each.
+            load: External torques on the joints [N m or N], shape (T, n) or (1, n).
+            world: World around the robot; None for none.
+            pushes: All pushes and the time at the start [s]; None if none acts.
         """
         k, h = self._substeps, self._integrator.timestep
         fine = command if k == 1 else command.refined(k, h)
@@ -68,15 +68,15 @@ class SegmentRunner:
     def _steps(
         self, q: Array, v: Array, command: Command, load: Array, every: int, world: WorldHook | None
     ) -> tuple[Series, BaseException | None]:
-        """Return the states after some steps of the integrator, and why the world stopped, if it did.
+        """Return the states after some steps of the integrator, and the error if the world stopped.
 
         Args:
             q: Position at the start [rad or m], shape (n,).
             v: Velocity at the start [rad/s or m/s], shape (n,).
-            command: Of each step, shape (T, n) each.
-            load: Torques on the joints from elsewhere [N m or N], shape (T, n) or (1, n).
-            every: Steps between states of the result, a divisor of T.
-            world: What the robot meets.
+            command: Commands of the steps, shape (T, n) each.
+            load: External torques on the joints [N m or N], shape (T, n) or (1, n).
+            every: Number of steps between states of the result, a divisor of T.
+            world: World around the robot; None for none.
         """
         if world is None:
             return self._integrator.run(q, v, command, load, every=every), None
@@ -102,14 +102,14 @@ class SegmentRunner:
 
 
 def _with_loads(series: Series, load: Array) -> Array | None:
-    """Return the wrench of a series, unknown where loads act of which only the torques are known.
+    """Return the wrench of a series, NaN where loads act, of which only the torques are known.
 
     Args:
-        series: Its states and wrench [N, N m].
-        load: Torques on the joints from elsewhere [N m or N], shape (T, n) or (1, n).
+        series: States and wrench [N, N m].
+        load: External torques on the joints [N m or N], shape (T, n) or (1, n).
 
     Returns:
-        Force [N] and moment [N m], shape (T, 6); None where the series has none and nothing acts.
+        Force [N] and moment [N m], shape (T, 6); None if the series has none and no load acts.
     """
     if not load.any():
         return series.wrench

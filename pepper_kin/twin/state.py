@@ -1,4 +1,4 @@
-"""State of the twin, and its error when a step diverges."""
+"""State of the twin, and the error of a step that diverges."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from pepper_kin.exceptions import PepperKinError
 
 
 class DivergedError(PepperKinError):
-    """A step of the twin gave a state that is not finite, or absurd.
+    """Error if a step of the twin results in a state that is not finite or not plausible.
 
     Attributes:
-        joint: The joint to blame.
-        step: Number of the step, from 1.
-        time: When [s].
-        cause: What was found.
+        joint: Name of the joint at fault.
+        step: Index of the step, from 1.
+        time: Time of the step [s].
+        cause: Cause of the error.
     """
 
     def __init__(self, joint: str, step: int, time: float, cause: str) -> None:
@@ -31,11 +31,12 @@ class TwinState(FrozenArrays):
     """State of the twin; arrays are read-only.
 
     Attributes:
-        time: Since the last reset [s].
-        position: [rad or m], shape (n,).
-        velocity: [rad/s or m/s], shape (n,).
-        torque: Of the actuators during the last step [N m or N], shape (n,).
-        acceleration: Mean over the last step [rad/s^2 or m/s^2], shape (n,); zero after a reset.
+        time: Time since the last reset [s].
+        position: Joint positions [rad or m], shape (n,).
+        velocity: Joint velocities [rad/s or m/s], shape (n,).
+        torque: Torques of the actuators during the last step [N m or N], shape (n,).
+        acceleration: Mean accelerations over the last step [rad/s^2 or m/s^2], shape (n,); zero after a
+            reset.
     """
 
     time: float
@@ -52,10 +53,10 @@ class TwinState(FrozenArrays):
 
     @classmethod
     def of_read_only(cls, time: float, *arrays: Array) -> TwinState:
-        """Return the state of a time [s] with arrays that are kept as they are: nobody may write to them.
+        """Return the state at a time with arrays that are not copied, and must not be changed.
 
         Args:
-            time: [s].
+            time: Time since the last reset [s].
             arrays: Position, velocity, torque and acceleration, shape (n,) each.
         """
         state = object.__new__(cls)
@@ -74,15 +75,16 @@ def diverged(
     after: tuple[Array, Array, Array],
     wanted: Array | None = None,
 ) -> DivergedError:
-    """Return the error that names joint, step and cause.
+    """Return the error of a diverged step, naming joint, step and cause.
 
     Args:
-        joint_names: The joints.
-        step: Number of the step, from 1.
-        time: At its end [s].
-        before: Position and velocity before it, shape (n,) each.
-        after: Position, velocity and torque after it, shape (n,) each.
-        wanted: Torques that the actuators wanted [N m or N], shape (n,); one that is not finite is to blame.
+        joint_names: Names of the joints.
+        step: Index of the step, from 1.
+        time: Time at the end of the step [s].
+        before: Position and velocity before the step, shape (n,) each.
+        after: Position, velocity and torque after the step, shape (n,) each.
+        wanted: Torques demanded by the actuators [N m or N], shape (n,); the first one that is not finite is
+            the cause.
     """
     (q0, v0), (q, v, tau) = before, after
     if wanted is not None and not np.isfinite(wanted).all():

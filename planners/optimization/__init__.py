@@ -1,4 +1,4 @@
-"""Motions from rest to rest, made cheap within limits: B-splines and a feasible interior-point method.
+"""Optimization of motions from rest to rest within limits: B-splines and a feasible interior-point method.
 
 spline = RestSpline(start, goal, intervals=20)
 objective = Objective(spline, Bounds(lower, upper, velocity, acceleration), Weights(1.0, 1e-4, scale), [term])

@@ -33,14 +33,14 @@ _FAR = 1e6
 
 @dataclass(frozen=True, eq=False)
 class Bounds:
-    """Limits that hold at every instant, inf where there is none, shape (n,) each.
+    """Limits that hold at every instant, inf for none, shape (n,) each.
 
     Attributes:
-        lower: Least positions.
-        upper: Greatest positions.
-        velocity: Greatest absolute velocities.
-        acceleration: Greatest absolute accelerations.
-        jerk: Greatest absolute jerks; None for no limits.
+        lower: Minimum positions.
+        upper: Maximum positions.
+        velocity: Maximum absolute velocities.
+        acceleration: Maximum absolute accelerations.
+        jerk: Maximum absolute jerks; None for no limits.
     """
 
     lower: FloatArray
@@ -61,9 +61,9 @@ class Sampling:
     """Samples of splines for one term: the same number in each interval.
 
     Attributes:
-        per_interval: That number.
+        per_interval: Number of samples in each interval.
         basis: Weights of all control points in derivatives by s, three of shape (K, C).
-        local: Those of the control points that matter, shape (3, K, p + 1).
+        local: Weights of the p + 1 control points of each sample's interval, shape (3, K, p + 1).
     """
 
     per_interval: int
@@ -78,6 +78,7 @@ class Sampling:
 
 @lru_cache(maxsize=64)
 def _sampling(intervals: int, degree: int, per_interval: int) -> Sampling:
+    """Return samples at equal steps of s, the first at the start of each interval."""
     count = intervals * per_interval
     s = np.arange(count) / count
     basis = tuple(basis_at(s, intervals, degree, order) for order in range(3))
@@ -101,7 +102,7 @@ def _jerk_band(intervals: int, degree: int) -> FloatArray:
 
 @lru_cache(maxsize=16)
 def _rate_rows(intervals: int, degree: int) -> FloatArray:
-    """Return the rows of the matrices to control points of derivatives; see `Tables.rates`."""
+    """Return the rows of the matrices to control points of derivatives; see `SplineTables.rates`."""
     rows = np.zeros((ORDERS, intervals + degree, ORDERS + 1))
     for order in range(1, ORDERS + 1):
         matrix = differences(intervals, degree)[order]
@@ -117,8 +118,8 @@ class Objective:
         spline: The family of motions.
         bounds: Limits of positions and rates.
         weights: Weights of the costs.
-        constraints: Terms that shall stay above zero.
-        costs: Weights and terms whose squares cost.
+        constraints: Terms whose values must stay within their barrier bound.
+        costs: Pairs of a weight and a term; the cost is the weighted integral of the term's squared values.
     """
 
     def __init__(
@@ -164,7 +165,7 @@ class Objective:
     def measure(self, control: FloatArray, duration: float) -> tuple[float, float]:
         """Return the cost without barriers of control points, shape (C, n), and a duration, and the barrier.
 
-        The barrier is the sum of -log(slack) over all limits and constraints.  Where one is not kept both are
+        The barrier is the sum of -log(slack) over all limits and constraints.  If one is violated both are
         inf.
         """
         self.check(measure_motion(self.tables, self.workspace, np.ascontiguousarray(control), duration))
@@ -172,19 +173,19 @@ class Objective:
         return float(numbers[COST]), float(numbers[WALLS])
 
     def cost(self, control: FloatArray, duration: float) -> float:
-        """Return the cost without barriers; limits need not be kept."""
+        """Return the cost without barriers; the motion may violate limits."""
         self.check(measure_cost(self.tables, self.workspace, np.ascontiguousarray(control), duration))
         return float(self.workspace.numbers[COST])
 
     def least_slack(self, control: FloatArray, duration: float) -> float:
-        """Return what is left to the nearest of the limits of positions and rates, as a share of it."""
+        """Return the minimum slack to a limit of positions or rates, as a ratio of the limit."""
         measure_motion(self.tables, self.workspace, np.ascontiguousarray(control), duration)
         return float(self.workspace.slacks.min())
 
     def worst_slack(self, control: FloatArray, duration: float) -> tuple[float, int, int]:
-        """Return what is left to the nearest limit as a share of it, the rate's order, and the coordinate.
+        """Return the minimum slack as a ratio of its limit, the derivative's order, and the coordinate.
 
-        Order 0 stands for positions.
+        Order 0 means positions.
         """
         share = self.least_slack(control, duration)
         slacks = self.workspace.slacks
@@ -192,7 +193,7 @@ class Objective:
         return share, int(place[0]) // 2, int(place[2])
 
     def check(self, answered: bool) -> None:
-        """Raise what a term in Python raised."""
+        """Raise the exception of a term in Python, if a term has failed."""
         if not answered:
             for called in self._called:
                 called.check()

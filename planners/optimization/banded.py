@@ -1,6 +1,6 @@
 """Banded Cholesky factorization, four rows at a time.
 
-The band is stored row by row, A[r, c] at flat place r * (S - 1) + c where S is the length of a stored row: a
+The band is stored row by row, A[r, c] at flat index r * (S - 1) + c where S is the length of a stored row: a
 matrix with that stride, of which tiles of rows and columns can be taken.
 """
 
@@ -14,13 +14,13 @@ from pepper_kin.kernels.signatures import Floats1, Floats2
 from pepper_kin.kernels.tile_products import TILE_COLUMNS, TILE_ROWS, add_tile
 
 PADDING = 2 * TILE_COLUMNS
-"""Numbers after the band in each row: as many zeros as a tile has columns, since tiles reach beyond the band,
-and space for what tiles on the diagonal write left of it, which is never read."""
+"""Number of entries after the band in each row: as many zeros as a tile has columns, since tiles reach beyond
+the band, and space for the entries left of the diagonal that tiles write and nothing reads."""
 
 
 @compiled(lean=True, inline=True)
 def add_row(target: Floats1, share: float, row: Floats1) -> None:
-    """Add a multiple of a row as long as the target."""
+    """Add a multiple `share` of a row of the target's length."""
     add_rows(target.ctypes.data, (row.ctypes.data,), (share,), target.size)
 
 
@@ -28,7 +28,7 @@ def add_row(target: Floats1, share: float, row: Floats1) -> None:
 def add_four_rows(
     target: Floats1, rows: tuple[Floats1, Floats1, Floats1, Floats1], p: float, q: float, r: float, s: float
 ) -> None:
-    """Add multiples of four rows that are as long as the target."""
+    """Add multiples p, q, r and s of four rows of the target's length."""
     a, b, c, d = rows
     places = a.ctypes.data, b.ctypes.data, c.ctypes.data, d.ctypes.data
     add_rows(target.ctypes.data, places, (p, q, r, s), target.size)
@@ -36,7 +36,7 @@ def add_four_rows(
 
 @compiled(lean=True, vector=True)
 def dot(first: Floats1, second: Floats1) -> float:
-    """Return the product of two rows; four sums are taken side by side."""
+    """Return the dot product of two rows, summed in four partial sums."""
     s, t, u, v = 0.0, 0.0, 0.0, 0.0
     whole = first.size - first.size % 4
     for k in range(0, whole, 4):
@@ -61,7 +61,7 @@ def factorize(band: Floats2) -> bool:
     for r in range(0, size, TILE_ROWS):
         if r + TILE_ROWS <= size:
             for c in range(r, min(r + TILE_ROWS - 1 + width, size), TILE_COLUMNS):
-                k = max(0, c - width + 1)  # the first row that reaches this far
+                k = max(0, c - width + 1)  # the first row whose band reaches column c
                 target, left, right = r * stride + c, k * stride + r, k * stride + c
                 add_tile(first + 8 * target, stride, first + 8 * left, first + 8 * right, stride, r - k, -1.0)
         else:

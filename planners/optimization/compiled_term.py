@@ -1,4 +1,4 @@
-"""Terms as C functions at addresses, which the compiled search calls without Python."""
+"""Terms as C functions, which the compiled search calls by address."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from ..vectors import FloatArray
 from .rows import BarrierBound, Rows, Term
 
 VALUES, ROWS, START, TIGHTEN = range(4)
-"""What a term is asked for: values; values and derivatives; to lower its floors under a motion that breaks
-it; to raise them again where a motion keeps it."""
+"""Requests to a term: values; values and derivatives; lower its floors below a motion that violates it; raise
+the floors again where a motion keeps the term."""
 KINDS = 4
 FAILED = 1
-"""What a term returns that could not be evaluated."""
+"""Return value of a term that could not be evaluated."""
 RAISED = 2
-"""What a term may return to TIGHTEN where floors rose so far that a search that would end should go on."""
+"""Return value to TIGHTEN if floors rose so far that a search that would end should go on."""
 
 _Signature = ctypes.CFUNCTYPE(
     ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64, ctypes.c_void_p
@@ -36,20 +36,20 @@ class CompiledTerm:
 
         int64_t term(const double *states, double *result, int64_t what, void *memory)
 
-    `what` is 4 K + VALUES, ROWS, START or TIGHTEN for K samples.  `states` are their positions, velocities
-    and accelerations, shape (3, K, n).  The result are the values, shape (K, R), and, for ROWS, their
-    derivatives by positions, shape (K, R, n), followed by those by velocities and accelerations where the
-    term depends on them.  START and TIGHTEN write to the memory alone.  It returns 0, FAILED, or,
-    to TIGHTEN, RAISED.
+    `what` is 4 K + VALUES, ROWS, START or TIGHTEN for K samples.  `states` holds the samples' positions,
+    velocities and accelerations, shape (3, K, n).  The result holds the values, shape (K, R), and, for ROWS,
+    their derivatives by positions, shape (K, R, n), followed by the derivatives by velocities and
+    accelerations if the term depends on them.  START and TIGHTEN write to the memory only.  The function
+    returns 0, FAILED, or, to TIGHTEN, RAISED.
 
     Attributes:
         address: Address of the function.
-        memory: Its memory, an array of any type.
-        rows_count: R.
-        parts: 1 where values depend on positions only, else 3.
-        per_interval: Samples in each interval of the spline.
-        barrier_bound: Which values are allowed.
-        has_floors: Whether START and TIGHTEN mean anything to it.
+        memory: Memory of the function, an array of any type.
+        rows_count: Number R of values per sample.
+        parts: 1 if values depend on positions only, else 3.
+        per_interval: Number of samples in each interval of the spline.
+        barrier_bound: Allowed range of the values.
+        has_floors: Whether the term handles START and TIGHTEN.
     """
 
     def __init__(
@@ -72,11 +72,11 @@ class CompiledTerm:
         return Rows(numbers[:size].reshape(-1, self.rows_count), *slopes)
 
     def start_from(self, q: FloatArray) -> None:
-        """Lower the floors under a motion, given at the samples, shape (K, n)."""
+        """Lower the floors below a motion, given by its positions at the samples, shape (K, n)."""
         self._ask(START, q, 0 * q, 0 * q)
 
     def tighten(self, q: FloatArray) -> None:
-        """Raise the floors where a motion keeps the term better now; it stays above them."""
+        """Raise the floors where a motion, shape (K, n), keeps the term better; it stays above the floors."""
         self._ask(TIGHTEN, q, 0 * q, 0 * q)
 
     def reserve(self, count: int) -> None:
@@ -93,7 +93,7 @@ class CompiledTerm:
 
 @compiled("int64(int64, float64[:, :, ::1], float64[::1], int64, int64)", lean=True)
 def ask(address: int, states: Floats3, result: Floats1, what: int, memory: int) -> int:
-    """Call a term; see `CompiledTerm`."""
+    """Call a term with a request; return 0, FAILED or RAISED, see `CompiledTerm`."""
     asked = KINDS * states.shape[1] + what
     return call_four(address, states.ctypes.data, result.ctypes.data, asked, memory)
 
@@ -101,13 +101,13 @@ def ask(address: int, states: Floats3, result: Floats1, what: int, memory: int) 
 class CalledBack:
     """A term in Python behind the address of a C function.
 
-    An exception cannot pass through machine code: the search ends as the term failed, and `check` raises
-    it.
+    An exception cannot pass through machine code: the search ends with FAILED, and `check` raises the
+    exception.
 
     Args:
         term: The term.
         n: Number of coordinates.
-        states: Some states at which it can be asked what it depends on, shape (3, K, n).
+        states: Some states at which the term is evaluated to find its dependences, shape (3, K, n).
 
     Attributes:
         compiled: The C function.
@@ -127,12 +127,13 @@ class CalledBack:
         )  # fmt: skip
 
     def check(self) -> None:
-        """Raise what the term raised."""
+        """Raise the exception that the term raised, if any."""
         if self._error is not None:
             error, self._error = self._error, None
             raise error
 
     def _answer(self, states: int, result: int, asked: int, memory: int) -> int:
+        """Call the term back from machine code; return 0, FAILED or RAISED."""
         if self._error is not None:
             return FAILED
         try:

@@ -1,4 +1,4 @@
-"""A feasible interior-point method: every iterate keeps all limits."""
+"""Feasible interior-point method: every iterate keeps all limits."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from .newton import (
 from .tables import BEND, DAMPING, DURATION, FIXED, MU, QUIET, SHARE
 
 _FIRST_DAMPING = 1e-6
-_SLICE = 0.25  # [s] that machine code runs before Python listens to an interrupt again
+_SLICE = 0.25  # maximum time that machine code runs until Python checks for an interrupt [s]
 
 
 class OptimizationStatus(ResultStatus):
@@ -51,14 +51,14 @@ _STATUSES = {
 
 @dataclass(frozen=True, eq=False)
 class LocalResult:
-    """The outcome of `descend`.
+    """Result of `descend`.
 
     Attributes:
-        status: How it ended.
+        status: Status of the descent.
         unknowns: Control points, shape (size, n), read-only.
         duration: Duration T.
         cost: Cost without barriers.
-        first_cost: The same of the start.
+        first_cost: Cost of the start without barriers.
         iterations: Number of Newton steps.
         mu: Last weight of the barrier, in units of the cost.
         time: Wall time [s].
@@ -87,24 +87,24 @@ def descend(
 ) -> LocalResult:
     """Lower the cost of a motion by Newton steps on cost + mu * barrier, with mu falling.
 
-    The start must keep all limits with some slack, and so does every iterate: the search along a step
-    stops before the first wall (A. Fiacco and G. McCormick, Nonlinear Programming: Sequential Unconstrained
-    Minimization Techniques, 1968).  Matrices are Gauss and Newton's: of constraints only first derivatives
-    are needed.
+    The start must keep all limits with some slack, and so does every iterate: the line search
+    stops before the first limit (A. Fiacco and G. McCormick, Nonlinear Programming: Sequential Unconstrained
+    Minimization Techniques, 1968).  Matrices are Gauss-Newton matrices: constraints need only first
+    derivatives.
 
     Args:
         objective: Costs and constraints.
         unknowns: Control points to start from, shape (size, n).
         duration: Duration to start from.
         free_duration: Whether the duration may change.
-        max_iterations: Number of steps at most.
+        max_iterations: Maximum number of steps.
         timeout: Wall time after which the best motion so far is returned [s].
-        tolerance: Last mu as a share of the cost: with k limits that act, the cost found exceeds the nearest
-            minimum by about k times that share.
+        tolerance: Last mu relative to the cost: with k active limits, the cost exceeds the nearest minimum by
+            about k times this ratio.
         stop_below: Duration below which the search ends.
 
     Returns:
-        The descent; its motion keeps all limits, unless the start did not.
+        The result; its motion keeps all limits, unless the start did not.
 
     Raises:
         InvalidValueError: for a wrong shape, NaN, or a duration that is not above zero.

@@ -1,4 +1,4 @@
-"""Motions by general solvers: the problem that `descend` solves, and least effort for any dynamics."""
+"""Motions by general solvers: the problem of `descend`, and minimum effort for any dynamics."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 FATROP = "fatrop"
 SOLVERS = ("ipopt", FATROP)
 _TOLERANCE, _EFFORT_TOLERANCE = 1e-6, 1e-8
-_BROKEN = 1e-4  # shares of the limits by which a motion may exceed them and still count as one
+_BROKEN = 1e-4  # violation, relative to a limit, up to which a motion counts as a solution
 _ROUNDS, _REACH, _LEAST = 25, 0.4, 1e-3
-_ENOUGH = 3e-4  # share of the cost that a round must save
+_ENOUGH = 3e-4  # minimum ratio of the cost that a round must save
 
 
 def descend_by(
@@ -38,14 +38,14 @@ def descend_by(
     max_iterations: int = 400,
     timeout: float = float("inf"),
 ) -> LocalResult:
-    """Lower the cost of a motion by a solver of CasADi's.
+    """Lower the cost of a motion by a solver of CasADi.
 
-    The spline is written stage by stage (`Stages`).  With d = e = 0 at both ends these are the motions of
-    `RestSpline`, whose control points are p - e / 6, and of whose rates they are (d + e / 2) / h and e / h^2:
-    bounds are the same as in `descend`.  Terms are asked for all samples at once and give
-    first derivatives, exactly; of the Hessian their curvature is left out.  Terms with an attribute
-    `kinked` that is true are replaced by tangents, round after round, within a reach that shrinks where
-    these mislead.
+    The spline is written stage by stage (`Stages`).  With d = e = 0 at both ends the stages describe the
+    motions of `RestSpline`: its control points are p - e / 6, and the control points of its rates are
+    (d + e / 2) / h and e / h^2, so bounds are the same as in `descend`.  Terms are evaluated for all samples
+    at once, with exact first derivatives; the Hessian omits their curvature.  Terms with a true attribute
+    `kinked` are replaced by tangents, round after round, within a reach that shrinks where the tangents
+    mislead.
 
     Args:
         objective: Costs and constraints; its spline must be cubic.
@@ -54,11 +54,11 @@ def descend_by(
         solver: "ipopt" (A. Waechter and L. Biegler, 2006), or "fatrop" (L. Vanroye et al., 2023), which makes
             use of the stages.
         free_duration: Whether the duration may change.
-        max_iterations: Of the solver.
-        timeout: Wall time [s]; "fatrop" cannot be stopped by the clock, and takes none but infinity.
+        max_iterations: Maximum number of iterations of the solver.
+        timeout: Wall time [s]; "fatrop" cannot be stopped by the clock, and accepts only infinity.
 
     Returns:
-        The descent; `mu` is nan.  Where no motion within the limits was found its status is START_INFEASIBLE.
+        The result; `mu` is nan.  If no motion within the limits was found its status is START_INFEASIBLE.
 
     Raises:
         InvalidValueError: for a wrong shape, NaN, an unknown solver, a spline of another degree, or a timeout
@@ -87,7 +87,7 @@ def descend_by(
 
 
 def check_no_timeout(timeout: float | None) -> None:
-    """Refuse a time that "fatrop" would not keep: nothing in it looks at a clock.
+    """Refuse a time limit, which "fatrop" would not keep: it reads no clock.
 
     Raises:
         InvalidValueError: for any timeout.
@@ -103,7 +103,7 @@ def _check_solver(solver: str) -> None:
 
 
 def _outcome(report: dict[str, Any]) -> str:
-    """Return how a solver ended: solved, or out of time or of iterations, infeasible or failed."""
+    """Return the outcome of a solver: solved, or out of time or of iterations, infeasible or failed."""
     word, unified = (str(report.get(name, "")) for name in ("return_status", "unified_return_status"))
     if report.get("success"):
         return "solved"
@@ -115,7 +115,7 @@ def _outcome(report: dict[str, Any]) -> str:
 
 
 class _Walk:
-    """A motion, control points x and duration t, that goes from one solved problem to the next."""
+    """A motion, control points x and duration t, that is improved from one solved problem to the next."""
 
     def __init__(self, objective: Objective, x: FloatArray, t: float, free_duration: bool) -> None:
         self.x, self.t, self.steps = x, t, 0
@@ -123,7 +123,7 @@ class _Walk:
         self._kinked = [term for term in objective.constraints if getattr(term, "kinked", False)]
 
     def run(self, solver: str, max_iterations: int, end: float) -> dict[str, Any]:
-        """Solve, with tangents in the place of terms that have kinks, until the cost falls no more."""
+        """Solve with tangents in place of kinked terms until the cost no longer falls; return the report."""
         from .stages import solve_spline
 
         objective, reach = self._objective, _REACH if self._kinked else float("inf")
@@ -153,7 +153,7 @@ class _Walk:
         return report
 
     def violation(self) -> float:
-        """Return by how much of a limit the motion breaks one, at most; 0 or less where it breaks none."""
+        """Return the maximum violation of a limit, relative to the limit; 0 or less if all are kept."""
         objective, control = self._objective, self._objective.spline.control_points(self.x)
         found = [-objective.least_slack(control, self.t)]
         for term in objective.constraints:
@@ -166,7 +166,7 @@ class _Walk:
         return self._objective.cost(self._objective.spline.control_points(self.x), self.t)
 
     def _length(self, x: FloatArray, t: float) -> float:
-        """Return the first of 1, 1/2, ... of a step after which terms with kinks are kept, too."""
+        """Return the first of the ratios 1, 1/2, ... of a step that keeps kinked terms, too."""
         length, objective = 1.0, self._objective
         while self._kinked and length > _LEAST:
             control = objective.spline.control_points(self.x + length * (x - self.x))
@@ -182,10 +182,10 @@ class _Walk:
 
 
 class _Tangent:
-    """value(q0) + d value/dq (q - q0) at each sample, in the place of a term of positions only.
+    """Tangent value(q0) + d value/dq (q - q0) at each sample, in place of a term of positions only.
 
-    Distances to the nearest of many things have kinks where another becomes the nearest, and no slope inside
-    of one; general solvers stumble over both.  The tangents touch at q0, shape (K, n).
+    Distances to the nearest of many bodies have kinks where another body becomes the nearest, and no gradient
+    inside a body; general solvers fail at both.  The tangents touch at q0, shape (K, n).
     """
 
     def __init__(self, term: Term, q: FloatArray) -> None:
@@ -213,19 +213,19 @@ class EffortStatus(ResultStatus):
 
 @dataclass(frozen=True, eq=False)
 class EffortMotion:
-    """The outcome of `minimum_effort`.
+    """Result of `minimum_effort`.
 
     Attributes:
-        status: How the solver ended.
-        time: Times of the nodes, shape (N + 1,).
-        position: At the nodes, shape (N + 1, n); between them cubic, with linear acceleration.
-        velocity: Shape (N + 1, n).
-        acceleration: Shape (N + 1, n).
-        effort: Integral of the squared shares of the torques.
-        iterations: Of the solver.
-        violation: Greatest violation of a constraint.
-        wall_time: Time to solve, without what building takes [s].
-        message: The solver's own word.
+        status: Status of the solver.
+        time: Times of the nodes [s], shape (N + 1,).
+        position: Positions at the nodes, shape (N + 1, n); cubic between nodes, with linear acceleration.
+        velocity: Velocities at the nodes, shape (N + 1, n).
+        acceleration: Accelerations at the nodes, shape (N + 1, n).
+        effort: Integral of |torque / scale|^2 over time [s].
+        iterations: Number of iterations of the solver.
+        violation: Maximum violation of a constraint.
+        wall_time: Time to solve, without the time to build the problem [s].
+        message: Message of the solver.
     """
 
     status: EffortStatus
@@ -253,27 +253,28 @@ def minimum_effort(
     solver: str = "ipopt",
     max_iterations: int = 200,
 ) -> EffortMotion:
-    """Find the motion between two states of given duration that takes the least effort.
+    """Find the motion between two states with a given duration and minimum effort.
 
     It minimizes the integral of |torque / scale|^2 dt.  Accelerations are linear in each interval, so that
-    positions are cubic and stages exact, with jerk as control (`Stages`).  The integral is taken by Gauss's
-    rule with two points in each interval, where torques are also bounded.  First and second derivatives are
-    CasADi's.
+    positions are cubic and stages exact, with jerk as control (`Stages`).  The integral is computed by Gauss
+    quadrature with two points in each interval, where torques are also bounded.  CasADi supplies first and
+    second derivatives.
 
     Args:
         torque: CasADi function of q, v and a, columns of n, with the torques as its one output.
         start: First position and velocity, shape (n,) each.
-        goal: Last position and velocity.
+        goal: Last position and velocity, shape (n,) each.
         duration: Duration [s].
         bounds: Limits of positions, velocities and accelerations, inf for none.
-        torque_limits: Greatest absolute torques, inf for none, shape (n,).
-        scale: Torque of each coordinate that counts as 1; by default the limits.
+        torque_limits: Maximum absolute torques, inf for none, shape (n,).
+        scale: Torque of each coordinate that counts as 1, shape (n,); by default the limits.
         intervals: Number of intervals N, at least 2.
         solver: "ipopt", or "fatrop", which makes use of the stages.
-        max_iterations: Of the solver.
+        max_iterations: Maximum number of iterations of the solver.
 
     Returns:
-        The motion; where the status is not SOLVED it is where the solver stopped, and breaks limits or laws.
+        The motion; unless the status is SOLVED, it is the solver's last iterate, which violates limits or
+        dynamics.
 
     Raises:
         InvalidValueError: for a wrong shape, NaN, an unknown solver, or a scale that is not finite.

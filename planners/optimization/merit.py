@@ -1,4 +1,4 @@
-"""Cost and barrier of a motion, compiled."""
+"""Cost and barrier of a motion, as compiled functions."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def sample(tables: SplineTables, work: SplineWorkspace, control: Floats2, durati
 
 @compiled(lean=True)
 def ask_term(tables: SplineTables, work: SplineWorkspace, t: int, what: int) -> int:
-    """Call a term at its samples; return what it does."""
+    """Call a term at its samples with a request; return the term's return value."""
     term = tables.terms[t]
     states = work.states[term[SAMPLING]]
     asked = KINDS * tables.counts[term[SAMPLING], 0] + what
@@ -62,7 +62,7 @@ def ask_term(tables: SplineTables, work: SplineWorkspace, t: int, what: int) -> 
 
 @compiled(lean=True)
 def fill_slacks(tables: SplineTables, work: SplineWorkspace, control: Floats2, duration: float) -> None:
-    """Write what is left to the limits of positions and rates, as shares; 1 for limits that are not there."""
+    """Write the slacks of positions and rates, relative to their limits; 1 where there is no limit."""
     count, n = control.shape
     slacks, box, rates = work.slacks, tables.box, tables.rates
     for i in range(count):
@@ -86,7 +86,7 @@ def fill_slacks(tables: SplineTables, work: SplineWorkspace, control: Floats2, d
 
 @compiled(lean=True)
 def box_barrier(work: SplineWorkspace) -> float:
-    """Return the sum of -log(slack); a logarithm is taken of products of many."""
+    """Return the sum of -log(slack), by one logarithm of a product of many slacks at a time."""
     total, product = 0.0, 1.0
     slacks = work.slacks.reshape(work.slacks.size)
     for k in range(slacks.size):
@@ -101,7 +101,7 @@ def box_barrier(work: SplineWorkspace) -> float:
 
 @compiled(lean=True)
 def barrier_value(values: Floats1, barrier_bound: int) -> float:
-    """Return the sum of -log(distance to the wall) of a term's values; see `BarrierBound`."""
+    """Return the sum of -log(distance to the bound) of a term's values; see `BarrierBound`."""
     total, product = 0.0, 1.0
     for k in range(values.size):
         workspace = 1.0 - values[k] * values[k] if barrier_bound == WITHIN_ONE else min(values[k], 1.0)
@@ -131,7 +131,7 @@ def jerk_cost(tables: SplineTables, control: Floats2, duration: float) -> float:
 
 @compiled(lean=True)
 def term_barrier(tables: SplineTables, work: SplineWorkspace, t: int) -> float:
-    """Return the barrier of a constraint that was asked."""
+    """Return the barrier of a constraint whose values are in `results`."""
     term = tables.terms[t]
     count = tables.counts[term[SAMPLING], 0] * term[ROWS_COUNT]
     return barrier_value(work.results[term[FIRST] : term[FIRST] + count], term[WALL])
@@ -139,7 +139,7 @@ def term_barrier(tables: SplineTables, work: SplineWorkspace, t: int) -> float:
 
 @compiled(lean=True)
 def term_square(tables: SplineTables, work: SplineWorkspace, t: int) -> float:
-    """Return the sum of the squared values of a cost that was asked."""
+    """Return the sum of the squared values of a cost whose values are in `results`."""
     term, total = tables.terms[t], 0.0
     for k in range(term[FIRST], term[FIRST] + tables.counts[term[SAMPLING], 0] * term[ROWS_COUNT]):
         total += work.results[k] * work.results[k]
@@ -148,7 +148,7 @@ def term_square(tables: SplineTables, work: SplineWorkspace, t: int) -> float:
 
 @compiled(lean=True)
 def add_costs(tables: SplineTables, work: SplineWorkspace, control: Floats2, duration: float) -> bool:
-    """Write the cost of a motion whose states are known into `numbers`; return whether all terms answered."""
+    """Write the cost of a motion with known states into `numbers`; return whether no term failed."""
     cost = tables.time_weight[0] * duration + jerk_cost(tables, control, duration)
     for t in range(tables.shares.size):
         if tables.shares[t] >= 0.0:
@@ -162,9 +162,9 @@ def add_costs(tables: SplineTables, work: SplineWorkspace, control: Floats2, dur
 
 @compiled(lean=True)
 def measure(tables: SplineTables, work: SplineWorkspace, control: Floats2, duration: float) -> bool:
-    """Write the cost and the barrier into `numbers`; return whether all terms answered.
+    """Write the cost and the barrier into `numbers`; return whether no term failed.
 
-    The barrier is infinite, and the cost not known, where a limit or a constraint is not kept.
+    The barrier is infinite, and the cost unknown, if a limit or a constraint is violated.
     """
     numbers = work.numbers
     fill_slacks(tables, work, control, duration)
@@ -186,7 +186,7 @@ def measure(tables: SplineTables, work: SplineWorkspace, control: Floats2, durat
 
 @compiled(lean=True)
 def tighten(tables: SplineTables, work: SplineWorkspace, control: Floats2, duration: float) -> int:
-    """Raise the floors of terms under a motion; return FAILED, RAISED where one of them says so, or 0."""
+    """Raise the floors of terms below a motion; return FAILED or RAISED if a term does, else 0."""
     sample(tables, work, control, duration)
     found = 0
     for t in range(tables.shares.size):

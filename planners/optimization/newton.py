@@ -1,4 +1,4 @@
-"""The feasible interior-point search, compiled: steps of Newton's method on cost + mu * barrier."""
+"""Compiled feasible interior-point search: steps of Newton's method on cost + mu * barrier."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ from .tables import (
 )
 
 ARMIJO = 1e-4
-SHORTEST = 1e-5  # step lengths below are given up
-FIRST_MU, LAST_MU = 2e-3, 1e-4  # shares of the cost
-SHRINK = 0.4  # of mu, after a step of good length or near its minimum
+SHORTEST = 1e-5  # minimum step length of the line search
+FIRST_MU, LAST_MU = 2e-3, 1e-4  # first and last mu relative to the cost
+SHRINK = 0.4  # factor on mu after a step of good length or near the minimum for mu
 LONG = 0.5
 LIGHT, MOST_DAMPING = 1e-3, 1e6
 LITTLE = 1.0
 NEAR, NEAR_ENOUGH = 0.3, 10.0
 
 GOING_ON, CONVERGED, STALLED, TIME_UP, SHORT_ENOUGH, BROKEN = range(6)
-"""How a call ends; BROKEN where a term did not answer."""
+"""Statuses of a call; BROKEN if a term failed."""
 
 
 @compiled("boolean(SplineTables, SplineWorkspace, float64[:, ::1], float64)", lean=True)
@@ -48,17 +48,17 @@ def measure_motion(tables: SplineTables, work: SplineWorkspace, control: Floats2
 
 @compiled("boolean(SplineTables, SplineWorkspace, float64[:, ::1], float64)", lean=True)
 def measure_cost(tables: SplineTables, work: SplineWorkspace, control: Floats2, duration: float) -> bool:
-    """Write the cost of a motion that need not keep its limits into `numbers`."""
+    """Write the cost of a motion into `numbers`; the motion may violate limits."""
     sample(tables, work, control, duration)
     return add_costs(tables, work, control, duration)
 
 
 @compiled(lean=True)
 def _try_lengths(tables: SplineTables, work: SplineWorkspace, value: float) -> float:
-    """Move by the first of 1, 1/2, 1/4 ... of the step that stays inside and lowers the merit.
+    """Move by the first of the ratios 1, 1/2, 1/4 ... of the step that keeps limits and lowers the merit.
 
     Returns:
-        That length; 0 for none, and -1 where a term did not answer.
+        The ratio; 0 for none, and -1 if a term failed.
     """
     numbers, control, trial, step = work.numbers, work.control, work.trial, work.step
     n, t, t_step = control.shape[1], numbers[DURATION], numbers[STEP]
@@ -87,9 +87,9 @@ def _try_lengths(tables: SplineTables, work: SplineWorkspace, value: float) -> f
 def _step(
     tables: SplineTables, work: SplineWorkspace, free_duration: bool, tolerance: float
 ) -> tuple[int, bool]:
-    """Make a step and lower mu where due; return how the search goes on, and whether it moved."""
+    """Make a step and lower mu where due; return the status, and whether the motion moved."""
     numbers = work.numbers
-    # Slacks s shrink with mu while mu / s keeps: its curvature, mu / s^2, is that of the mu before.
+    # Slacks s shrink with mu while mu / s stays constant: the curvature mu / s^2 belongs to the mu before.
     bend = max(numbers[MU], numbers[BEND])
     if not fill_system(tables, work, work.control, numbers[DURATION], (numbers[MU], bend)):
         return BROKEN, False
@@ -113,7 +113,7 @@ def _step(
     light = length > 0.0 and damping <= LIGHT
     near = stuck or (light and -fall < NEAR * numbers[MU])
     if length > 0.0:
-        # Bodies that take turns at being nearest keep a damped search busy for long.
+        # A change of the nearest body from step to step would prolong a damped search.
         gain = value - numbers[COST] - numbers[MU] * numbers[WALLS]
         numbers[QUIET] = numbers[QUIET] + 1.0 if gain < LITTLE * numbers[MU] else 0.0
     ended = near or (light and -fall < NEAR_ENOUGH * numbers[MU]) or numbers[QUIET] >= 2.0
@@ -138,16 +138,16 @@ def search(
 
     Args:
         tables: Costs and constraints.
-        work: Workspace; holds the motion, mu, its share and the damping.
+        work: Workspace; holds the motion, mu, the ratio of mu to the cost, and the damping.
         free_duration: Whether the duration may change.
-        steps: Number of steps at most.
-        tolerance: Last mu as a share of the cost.
+        steps: Maximum number of steps.
+        tolerance: Last mu relative to the cost.
         until: Time of the clock after which no step begins [s].
         stop_below: Duration below which the search ends.
         clock: See `seconds_now`.
 
     Returns:
-        How it ended, GOING_ON where the steps are made, and the number of steps made.
+        Status, GOING_ON if all steps are made, and the number of steps made.
     """
     for done in range(steps):
         if seconds_now(clock, work.clock) > until:

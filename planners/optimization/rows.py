@@ -13,13 +13,15 @@ from ..vectors import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Values at K states, R of each state, and their derivatives.
+    """Values at K states, R per state, and their derivatives.
 
     Attributes:
-        value: Shape (K, R).
+        value: Values, shape (K, R).
         by_position: Derivatives by the positions, shape (K, R, n).
-        by_velocity: By the velocities; None where the values do not depend on them.
-        by_acceleration: By the accelerations; None where the values do not depend on them.
+        by_velocity: Derivatives by the velocities, shape (K, R, n); None if the values do not depend on
+            velocities.
+        by_acceleration: Derivatives by the accelerations, shape (K, R, n); None if the values do not depend
+            on accelerations.
     """
 
     value: FloatArray
@@ -29,9 +31,9 @@ class Rows:
 
 
 class BarrierBound(Enum):
-    """Which values of a constraint's rows are allowed.
+    """Allowed range of a constraint's values.
 
-    ABOVE_ZERO: above 0; from 1 on they are far from the wall and no longer matter.
+    ABOVE_ZERO: above 0; values from 1 on are far from the bound and add no barrier.
     WITHIN_ONE: between -1 and 1.
     """
 
@@ -39,7 +41,7 @@ class BarrierBound(Enum):
     WITHIN_ONE = "within_one"
 
     def barrier(self, values: FloatArray) -> float:
-        """Return the sum of -log(distance to the wall); inf where a value is not allowed."""
+        """Return the sum of -log(distance to the bound); inf if a value is not allowed."""
         workspace = 1.0 - values**2 if self is BarrierBound.WITHIN_ONE else np.minimum(values, 1.0)
         if workspace.size and not workspace.min() > 0.0:
             return float("inf")
@@ -49,8 +51,8 @@ class BarrierBound(Enum):
 class Term(Protocol):
     """A function of the states of a motion, evaluated for all samples at once.
 
-    A constraint keeps its values on the right side of its wall.  A cost adds the integral of its values'
-    squares over time.
+    A constraint keeps its values within its barrier bound.  A cost adds the integral of its squared values
+    over time.
     """
 
     @property
@@ -59,7 +61,7 @@ class Term(Protocol):
 
     @property
     def barrier_bound(self) -> BarrierBound:
-        """Which values are allowed; costs do not look at it."""
+        """Allowed range of the values; costs ignore it."""
 
     def values(self, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
         """Return the values, shape (K, R), at positions, velocities and accelerations, shape (K, n)."""
@@ -70,13 +72,13 @@ class Term(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Weights:
-    """What a motion costs, besides what its terms cost.
+    """Weights of a motion's cost, in addition to the cost of its terms.
 
         time T + jerk * integral of |jerk / jerk_scale|^2 dt
 
     Attributes:
-        time: Of the duration [1/s].
-        jerk: Of the squared jerk, in units of `jerk_scale`.
+        time: Weight of the duration [1/s].
+        jerk: Weight of the squared jerk, in units of `jerk_scale`.
         jerk_scale: Jerk of each coordinate that counts as 1, shape (n,).
     """
 

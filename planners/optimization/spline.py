@@ -25,15 +25,16 @@ class RestSpline:
 
     where p is the degree and M the number of intervals.  The first and the last three control points are
     start and goal, which makes velocity and acceleration vanish at both ends; the others are the unknowns.
-    Each derivative is a spline again, whose control points are differences of these (C. de Boor, A Practical
-    Guide to Splines, 1978), and a spline never leaves the hull of its control points: limits that control
-    points obey hold everywhere.  For degree 3, control points of the acceleration are its values at knots.
+    Each derivative is a spline again, whose control points are differences of the control points c (C. de
+    Boor, A Practical Guide to Splines, 1978), and a spline never leaves the hull of its control points:
+    limits that control points keep hold everywhere.  For degree 3, control points of the acceleration are
+    its values at knots.
 
     Attributes:
         start: First state, shape (n,).
         goal: Last state, shape (n,).
-        intervals: M, at least 4.
-        degree: p, 3 or 5.
+        intervals: Number M of intervals, at least 4.
+        degree: Degree p, 3 or 5.
     """
 
     start: FloatArray
@@ -72,17 +73,17 @@ class RestSpline:
         return _knots(self.intervals, self.degree)
 
     def control_points(self, unknowns: ArrayLike) -> FloatArray:
-        """Return all control points, shape (M + p, n), of the unknown ones, shape (size, n)."""
+        """Return all control points, shape (M + p, n), given the unknown ones, shape (size, n)."""
         return np.concatenate([np.tile(self.start, (3, 1)), unknowns, np.tile(self.goal, (3, 1))])
 
     def difference(self, order: int) -> FloatArray:
-        """Return the matrix from control points to those of a derivative by s.
+        """Return the matrix from control points to the control points of a derivative by s.
 
         Args:
             order: Order of the derivative, 0 to the degree.
 
         Returns:
-            Shape (M + p - order, M + p).
+            Matrix, shape (M + p - order, M + p).
         """
         return differences(self.intervals, self.degree)[order]
 
@@ -94,7 +95,7 @@ class RestSpline:
             order: Order of the derivative, 0 to the degree.
 
         Returns:
-            Shape (k, M + p); in each row only p + 1 weights, one after the other, differ from zero.
+            Weights, shape (k, M + p); in each row only p + 1 successive weights differ from zero.
         """
         return basis_at(np.asarray(s, dtype=float), self.intervals, self.degree, order)
 
@@ -102,13 +103,13 @@ class RestSpline:
         """Return the unknowns whose spline is nearest, in least squares, to states at equidistant parameters.
 
         Args:
-            states: Shape (k, n) with k of at least twice the number of intervals; the first and last one
-                stand for start and goal.
+            states: States, shape (k, n), k at least twice the number of intervals; the first and the last one
+                are replaced by start and goal.
             smoothness: Weight of the sum of the squared control points of the third derivative by s times the
-                number of intervals, beside the mean squared distance to the states: more cuts corners.
+                number of intervals, relative to the mean squared distance to the states: more cuts corners.
 
         Returns:
-            Shape (size, n).
+            Unknown control points, shape (size, n).
 
         Raises:
             InvalidValueError: for too few states, or other than finite numbers.
@@ -124,7 +125,7 @@ class RestSpline:
         """Return the motion over time as piecewise polynomials.
 
         Args:
-            unknowns: Shape (size, n).
+            unknowns: Unknown control points, shape (size, n).
             duration: Duration T; time is t = T s.
 
         Returns:
@@ -142,7 +143,7 @@ class RestSpline:
 
 @lru_cache(maxsize=64)
 def differences(intervals: int, degree: int) -> tuple[FloatArray, ...]:
-    """Return the matrices from control points to those of derivatives by s; see `RestSpline.difference`."""
+    """Return the matrices from control points to the control points of all derivatives by s."""
     count, knots = intervals + degree, _knots(intervals, degree)
     matrices = [np.eye(count)]
     for order in range(1, degree + 1):
@@ -162,7 +163,7 @@ def basis_at(s: FloatArray, intervals: int, degree: int, order: int) -> FloatArr
 def _fit(intervals: int, degree: int, count: int, smoothness: float) -> tuple[FloatArray, ...]:
     """Return W, P and R such that P (x - W e) - R e are the inner control points nearest to states x.
 
-    W are the weights of control points at equidistant parameters, e the control points at the ends.
+    W holds the weights of control points at equidistant parameters, e the control points at the ends.
     """
     weights = basis_at(np.linspace(0.0, 1.0, count), intervals, degree, 0)
     rough = differences(intervals, degree)[3] / intervals**3 * np.sqrt(smoothness * count)
@@ -173,12 +174,13 @@ def _fit(intervals: int, degree: int, count: int, smoothness: float) -> tuple[Fl
 
 @lru_cache(maxsize=16)
 def _at_knots(intervals: int, degree: int) -> tuple[FloatArray, ...]:
-    """Return the weights of control points in all derivatives by s where intervals begin."""
+    """Return the weights of control points in all derivatives by s at the starts of the intervals."""
     left = np.arange(intervals) / intervals
     return tuple(read_only(basis_at(left, intervals, degree, order)) for order in range(degree + 1))
 
 
 def _knots(intervals: int, degree: int) -> FloatArray:
+    """Return clamped uniform knots, shape (M + 2 p + 1,)."""
     inner = np.linspace(0.0, 1.0, intervals + 1)
     return np.concatenate([np.zeros(degree), inner, np.ones(degree)])
 

@@ -1,4 +1,4 @@
-"""A cubic spline stage by stage, as CasADi's solvers take it; loads CasADi."""
+"""Cubic splines stage by stage, for CasADi's solvers; loads CasADi."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from ..vectors import FloatArray
 from .assembly import Bounds, Objective
 from .rows import BarrierBound, Rows, Term
 
-_SHORTEST = 1e-3  # durations
+_SHORTEST = 1e-3  # minimum duration, in the unit of the initial one
 _GAUSS = (0.5 - np.sqrt(3.0) / 6.0, 0.5 + np.sqrt(3.0) / 6.0)
 
 
 class Solved(NamedTuple):
-    """What a solver returned: p, d, e (and T) at the knots, row by row, with what is known of it."""
+    """Solution of a solver: p, d, e (and T) at the knots, row by row, cost, violation, time and report."""
 
     rows: FloatArray
     cost: float
@@ -27,20 +27,20 @@ class Solved(NamedTuple):
 
 
 class Stages:
-    """Variables x_0, j_0, x_1, ..., x_M of a spline, and what is required of them, stage by stage.
+    """Variables x_0, j_0, x_1, ..., x_M of a spline, and their constraints, stage by stage.
 
     Interval k is p + t d + t^2 e / 2 + t^3 j / 6, 0 <= t <= u, so that from stage to stage
 
         p' = p + u d + u^2 e / 2 + u^3 j / 6,   d' = d + u e + u^2 j / 2,   e' = e + u j.
 
-    With a fixed time h for each interval u = h, and d and e are velocity and acceleration.  With a free
-    duration T, which is a part of the state, T' = T, u = 1 and they are d / h and e / h^2, h = T / M, so that
-    these equations are linear all the same.
+    With a fixed time h of each interval u = h, and d and e are velocity and acceleration.  With a free
+    duration T, which is a part of the state, T' = T, u = 1, and velocity and acceleration are d / h and
+    e / h^2, h = T / M, so that the equations remain linear.
 
     Args:
         n: Number of coordinates.
         count: Number M of intervals.
-        interval: Time h of each; None where it is free.
+        interval: Time h of each interval [s]; None for a free duration.
     """
 
     def __init__(self, n: int, count: int, interval: float | None = None) -> None:
@@ -49,20 +49,20 @@ class Stages:
         self.jerks = [casadi.MX.sym(f"j{k}", n) for k in range(count)]
         self.cost: Any = 0.0
         self._required: list[tuple[Any, FloatArray, FloatArray]] = []
-        self._kept: list[Any] = []  # CasADi does not keep functions in Python alive
+        self._kept: list[Any] = []  # references, since CasADi does not keep Python functions alive
 
     def split(self, x: Any) -> tuple[Any, Any, Any, Any]:
-        """Return p, d and e of a state, and the time in whose unit d and e are."""
+        """Return p, d and e of a state, and the unit of time of d and e."""
         n = self.n
         return x[:n], x[n : 2 * n], x[2 * n : 3 * n], x[-1] / self.count if self.timed else 1.0
 
     def motion(self, x: Any, j: Any, share: float) -> tuple[Any, Any, Any]:
-        """Return position, velocity and acceleration at a share of an interval with a state and a jerk."""
+        """Return position, velocity and acceleration at a fraction of an interval with a state and a jerk."""
         (p, d, e, h), t = self.split(x), share * self.step
         return p + t * d + t**2 / 2 * e + t**3 / 6 * j, (d + t * e + t**2 / 2 * j) / h, (e + t * j) / h**2
 
     def join(self, k: int) -> None:
-        """Require the state after an interval to be the one that it leads to."""
+        """Require interval k to end in the next state."""
         x, j, u = self.states[k], self.jerks[k], self.step
         p, d, e, _ = self.split(x)
         p, d, e = p + u * d + u**2 / 2 * e + u**3 / 6 * j, d + u * e + u**2 / 2 * j, e + u * j
@@ -89,11 +89,11 @@ class Stages:
 
         Args:
             solver: "ipopt" or "fatrop".
-            options: Of the solver.
-            guess: State and jerk of each knot to start from, shape (M + 1, 3 n + n), or one column more for
-                T; the last jerk does not count.
-            low: Least values, of the same shape.
-            high: Greatest values, of the same shape.
+            options: Options of the solver.
+            guess: Initial state and jerk of each knot, shape (M + 1, 3 n + n), or one column more for T; the
+                last jerk does not count.
+            low: Minimum values, same shape as `guess`.
+            high: Maximum values, same shape as `guess`.
         """
         n = self.n
         expressions, least, most = zip(*self._required, strict=True)
@@ -125,17 +125,17 @@ def solve_spline(
     objective: Objective, constraints: list[Term], x: FloatArray, t: float, free_duration: bool, solver: str,
     options: dict[str, Any], reach: float,
 ) -> tuple[FloatArray, float, dict[str, Any]]:  # fmt: skip
-    """Solve the problem that `descend` solves: bounds of control points, and terms at samples.
+    """Solve the problem of `descend`: bounds of control points, and terms at samples.
 
     Args:
         objective: Costs and bounds.
-        constraints: Terms that take the place of the objective's constraints.
+        constraints: Terms that replace the objective's constraints.
         x: Control points to start from, shape (size, n).
         t: Duration to start from.
         free_duration: Whether the duration may change.
         solver: "ipopt" or "fatrop".
-        options: Of the solver.
-        reach: How far positions at knots may go from where they start.
+        options: Options of the solver.
+        reach: Maximum change of positions at knots.
 
     Returns:
         Control points, duration and the solver's report.
@@ -198,10 +198,10 @@ def solve_effort(
         ends: First and last positions and velocities, shape (2 n,) each.
         duration: Duration [s].
         bounds: Limits of positions, velocities and accelerations.
-        torques: Greatest absolute torques, and those that count as 1, shape (n,) each.
+        torques: Maximum absolute torques, and torques that count as 1, shape (n,) each.
         intervals: Number of intervals.
         solver: "ipopt" or "fatrop".
-        options: Of the solver.
+        options: Options of the solver.
     """
     (first, last), (limits, unit), n = ends, torques, ends[0].size // 2
     h, bounded = duration / intervals, np.flatnonzero(np.isfinite(limits)).tolist()
@@ -223,7 +223,7 @@ def solve_effort(
     high = np.concatenate([bounds.upper, bounds.velocity, bounds.acceleration, np.full(n, np.inf)])
     low = np.concatenate([bounds.lower, -high[n:]])
     low, high = np.tile(low, (intervals + 1, 1)), np.tile(high, (intervals + 1, 1))
-    for k in (0, -1):  # start and goal are equations: bounds in the same place would be so, too
+    for k in (0, -1):  # start and goal are equations, so bounds on the same variables are dropped
         low[k, : 2 * n], high[k, : 2 * n] = -np.inf, np.inf
     s, way = np.linspace(0.0, 1.0, intervals + 1)[:, None], last[:n] - first[:n]
     q, v, a = (3 * s**2 - 2 * s**3) * way, 6 * (s - s**2) * way, (6 - 12 * s) * way
@@ -232,10 +232,10 @@ def solve_effort(
 
 
 class _TermValues(casadi.Callback):
-    """(q, v, a), shape (n, K) each -> values, shape (R, K), of a term at all samples at once.
+    """Values of a term, shape (R, K), at all samples at once, as a function of q, v and a, shape (n, K) each.
 
-    Derivatives are the term's own; second derivatives count as zero, so that what a solver takes for the
-    Hessian lacks the curvature of the term, and its steps are Gauss and Newton's.
+    The term supplies first derivatives; second derivatives count as zero, so that a solver's Hessian lacks
+    the curvature of the term, and its steps are Gauss-Newton steps.
 
     Args:
         term: The term.
@@ -253,7 +253,7 @@ class _TermValues(casadi.Callback):
         self.construct("term", {})
 
     def _block(self, present: bool) -> Any:
-        """Return which values depend on which numbers: those of the same sample, or none."""
+        """Return the sparsity of a derivative: values depend on numbers of their own sample, or on none."""
         if not present:
             return casadi.Sparsity(self._rows * self._count, self._n * self._count)
         return casadi.diagcat(*[casadi.Sparsity.dense(self._rows, self._n)] * self._count)
@@ -290,7 +290,7 @@ class _TermValues(casadi.Callback):
 
 
 class _Slopes(_TermValues):
-    """(q, v, a, values) -> derivatives of the values by each, block by block of a sample; theirs are zero."""
+    """Derivatives of a term's values by q, v and a, one block per sample; second derivatives are zero."""
 
     def __init__(self, of: _TermValues, name: str, options: Any) -> None:
         casadi.Callback.__init__(self)

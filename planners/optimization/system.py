@@ -1,4 +1,4 @@
-"""Newton's equations of cost plus barrier over control points and duration, compiled.
+"""Compiled Newton equations of cost plus barrier over control points and duration.
 
 The matrix is [[A, b], [b^T, c]]: A couples neighboring control points only, b is the duration's column.
 """
@@ -40,7 +40,7 @@ _SMALL = 1e-12
 
 @compiled(lean=True)
 def _slopes(value: float, barrier_bound: int) -> tuple[float, float]:
-    """Return first and second derivative of the barrier by a value."""
+    """Return the first and the second derivative of the barrier by a value."""
     if barrier_bound == WITHIN_ONE:
         up, down = 1.0 / (1.0 - value), 1.0 / (1.0 + value)
         return up - down, up * up + down * down
@@ -57,11 +57,12 @@ def _add_outer(
 
     Args:
         target: Address of the block's first number.
-        stride: Numbers from one row of the matrix to the next.
-        rows: Addresses of the first left and of the first right row, and numbers from one row to the next.
+        stride: Stride from one row of the matrix to the next, in numbers.
+        rows: Addresses of the first left and of the first right row, and the stride of rows, in numbers.
         count: Number of rows.
-        size: Rows and columns of the block, a multiple of a tile's.
-        on_diagonal: Whether the block is on the matrix's diagonal: only tiles that reach the upper triangle.
+        size: Number of rows and columns of the block, a multiple of a tile's.
+        on_diagonal: Whether the block is on the matrix's diagonal: then only tiles that reach the upper
+            triangle are added.
     """
     left, right, step = rows
     for a in range(0, size, TILE_ROWS):
@@ -80,7 +81,7 @@ def _add_slopes(target: Floats1, rows: Floats2, count: int, shares: Floats1) -> 
 
 @compiled(lean=True)
 def _pad(rows: Floats2, shares: Floats2, count: int) -> int:
-    """Append rows and shares of zero; return how many there are then."""
+    """Append rows and factors of zero; return the new number of rows."""
     while count % _FOUR != 0:
         for k in range(rows.shape[1]):
             rows[count, k] = 0.0
@@ -94,10 +95,10 @@ def _spread(work: SplineWorkspace, basis: Floats2, place: int, samples: tuple[in
     """Add matrices of up to four samples, times the weights of two control points there, to the band.
 
     Args:
-        work: Workspace with the matrices in `sums`, zero where there is none.
+        work: Workspace with the matrices in `sums`, zero for missing samples.
         basis: Weights of the control points at samples, shape (K, p + 1).
-        place: Of the first of these control points among the free ones, below zero for fixed ones.
-        samples: The first of the samples, and their number.
+        place: Index of the interval's first control point among the free ones, below zero if it is fixed.
+        samples: Index of the first sample, and number of samples.
         n: Number of coordinates.
     """
     sums, (first, count) = work.sums, samples
@@ -121,7 +122,7 @@ def _spread(work: SplineWorkspace, basis: Floats2, place: int, samples: tuple[in
 
 @compiled(lean=True)
 def _cost_factor(tables: SplineTables, t: int, duration: float) -> float:
-    """Return by what a term's squares are multiplied, twice; 0 for a constraint."""
+    """Return twice the factor of a term's squares in the cost; 0 for a constraint."""
     share = tables.shares[t]
     return 2.0 * share * duration / tables.counts[tables.terms[t, SAMPLING], 0] if share >= 0.0 else 0.0
 
@@ -135,7 +136,7 @@ def _gather(
     factors: tuple[float, float, float],
     used: int,
 ) -> int:
-    """Append the rows of a sample that act, with slopes and curvatures; return how many there are then."""
+    """Append the active rows of a sample, with gradients and curvatures; return the new number of rows."""
     term, (mu, bend, share), rows, scaled = tables.terms[t], factors, work.rows, work.scaled
     most, n, count = term[ROWS_COUNT], tables.jerk_weight.size, tables.counts[term[SAMPLING], 0]
     value = work.results[term[FIRST] :]
@@ -201,7 +202,7 @@ def _fill_motion_rows(
     factors: tuple[float, float, float],
     duration: float,
 ) -> None:
-    """Write the rows of a sample by all control points of its interval, with slopes and curvatures."""
+    """Write the derivatives of a sample's rows by the control points of its interval, with curvatures."""
     term, (mu, bend, share), rows, numbers = tables.terms[t], factors, work.rows, work.numbers
     s, most, shares, n = term[SAMPLING], term[ROWS_COUNT], work.shares, tables.jerk_weight.size
     count, width, states = tables.counts[s, 0], tables.basis.shape[3], work.states[s]
@@ -236,7 +237,7 @@ def _fill_motion_rows(
 def _add_by_motion(
     tables: SplineTables, work: SplineWorkspace, t: int, factors: tuple[float, float, float], duration: float
 ) -> None:
-    """Add a term that depends on velocities and accelerations, too."""
+    """Add a term that also depends on velocities and accelerations."""
     term, rows, scaled, shares = tables.terms[t], work.rows, work.scaled, work.shares
     s, most, n = term[SAMPLING], term[ROWS_COUNT], tables.jerk_weight.size
     count, per, width = tables.counts[s, 0], tables.counts[s, 1], tables.basis.shape[3]
@@ -344,14 +345,14 @@ def _add_boxes(
 def fill_system(
     tables: SplineTables, work: SplineWorkspace, control: Floats2, duration: float, mus: tuple[float, float]
 ) -> bool:
-    """Write Newton's equations of cost + mu * barrier, and the two; return whether all terms answered.
+    """Write Newton's equations of cost + mu * barrier, cost and barrier; return whether no term failed.
 
     Args:
         tables: Costs and constraints.
         work: Workspace.
         control: Control points, shape (C, n).
         duration: The duration.
-        mus: mu, and what stands in its place in the matrix.
+        mus: Weight mu of the barrier in the gradient, and its value in the matrix.
     """
     numbers, (mu, bend) = work.numbers, mus
     numbers[SLOPE], numbers[CORNER], numbers[MU] = tables.time_weight[0], 0.0, mu
@@ -391,7 +392,7 @@ def solve_system(work: SplineWorkspace, damping: float, free_duration: bool) -> 
 
     Args:
         work: Workspace with Newton's equations.
-        damping: Share by which the diagonal is raised.
+        damping: Ratio by which the diagonal is raised.
         free_duration: Whether the duration may change.
 
     Returns:

@@ -1,1 +1,1 @@
-"""Motions that are cheap, not only possible: path and timing optimized together."""
+"""Trajectory optimization: path and timing together, for a minimum cost."""

@@ -1,4 +1,4 @@
-"""Balance on the wheels, as slacks."""
+"""Barrier term of balance on the wheels."""
 
 from __future__ import annotations
 
@@ -22,23 +22,24 @@ if TYPE_CHECKING:
 
 
 INFLUENCE = 0.03
-"""Distances of the zero-moment point from an edge beyond the margin by this do not act on a motion [m]."""
+"""Distance beyond the margin above which the zero-moment point's edge distance has no effect [m]."""
 _GRAVITY = 9.81  # [m/s^2]
 SOURCES = ("pepper_kin.symbolic", "pepper_kin.model", "pepper_kin.motion.optimization.balance_term")
 """Modules on which the kernel depends."""
 
 
 class BalanceTerm(KernelTerm):
-    """(i . (-n_y, n_x) - (i . p + margin) f_z) / (weight INFLUENCE) of each edge of the wheels' triangle.
+    """Slack (i . (-n_y, n_x) - (i . p + margin) f_z) / (weight INFLUENCE) of each edge of the triangle.
 
-    (f, n) is the wrench of the floor, p a vertex of the edge, i the unit vector that points inward; see
-    `trajectory.balance.edge_moments`.  It is linear in the wrench, whose derivatives are CasADi's.
+    (f, n) is the wrench of the floor, p a vertex of an edge of the wheels' triangle, i the unit vector that
+    points inward; see `trajectory.balance.edge_moments`.  The slack is linear in the wrench, which CasADi
+    differentiates.
 
     Args:
         moving: The joints that move.
         margin: Distance that the zero-moment point keeps from the edges [m].
         per_interval: Samples in each interval of the spline.
-        loads: What is carried.
+        loads: Carried loads.
 
     Raises:
         InvalidValueError: for a robot without Pepper's wheels, or with a base that moves.
@@ -62,7 +63,7 @@ class BalanceTerm(KernelTerm):
 
 @kept_for_robot(most=1)
 def _wrench_derivatives(pepper: PepperModel) -> Kernel:
-    """Return the kernel (q, v, a) -> derivatives of the floor's wrench by each, (6, n) three times."""
+    """Return the kernel (q, v, a) -> Jacobians of the floor's wrench by q, v and a, shape (6, n) each."""
 
     def build() -> casadi.Function:
         import casadi

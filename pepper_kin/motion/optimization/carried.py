@@ -1,4 +1,4 @@
-"""Kernels of torques and of the floor's wrench of a robot that carries something."""
+"""Kernels of torques and of the floor's wrench of a robot with loads."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ if TYPE_CHECKING:
 
 
 def carrying_kernels(pepper: PepperModel, quantity: str, loads: Loads) -> tuple[tuple[Kernel, Kernel], Array]:
-    """Return a quantity (q, v, a) -> (outputs,), and its derivatives, shape (outputs, n + p) three times.
+    """Return kernels of a quantity (q, v, a) -> (outputs,) and its Jacobians, and load parameters.
 
-    With k frames, behind q there are p = 10 k inertial parameters of what they carry, shape (p,), which are
-    returned, too: none is compiled in.  v and a have as many numbers more, which do not count; derivatives by
-    all these are zero.
+    The Jacobians by q, v and a have shape (outputs, n + p) each.  With k frames, q is followed by p = 10 k
+    inertial parameters of the frames' loads, shape (p,), which are returned too and not compiled in.  v and a
+    have p more numbers, which are ignored; derivatives by all these additional inputs are zero.
 
     Args:
         pepper: The robot.
         quantity: "inverse_dynamics" or "base_wrench".
-        loads: What is carried.
+        loads: Carried loads.
     """
     frames, values = load_parameters(pepper, loads)
     return (_kernel(pepper, quantity, frames, False), _kernel(pepper, quantity, frames, True)), values.ravel()
@@ -34,14 +34,14 @@ def carrying_kernels(pepper: PepperModel, quantity: str, loads: Loads) -> tuple[
 
 @kept_for_robot(most=64)
 def _kernel(pepper: PepperModel, *name: Any) -> Kernel:
-    """Return the kernel of `_function`; `name` are its other arguments."""
+    """Return the compiled kernel of `_function`; `name` are the other arguments of that function."""
     sources = source_digest("pepper_kin.symbolic", "pepper_kin.model", "pepper_kin.dynamics.load", __name__)
     key = f"carrying {name} of {robot_digest(pepper)} by {sources}"
     return compile_function(partial(_function, pepper, *name), key=key)
 
 
 def carrying_inverse_dynamics(pepper: PepperModel, loads: Loads) -> casadi.Function:
-    """Return the torques of a motion (q, v, a), shape (n,) each, of a robot that carries something."""
+    """Return the CasADi function (q, v, a) -> torques of a robot with loads, shape (n,) each."""
     import casadi
 
     frames, values = load_parameters(pepper, loads)
@@ -69,7 +69,7 @@ def _function(
 
 
 def _loaded(pepper: PepperModel, quantity: str, frames: tuple[str, ...], state: list[Any], loads: Any) -> Any:
-    """Return the expression of a quantity of the robot with loads, given by their parameters."""
+    """Return the expression of a quantity of the robot with loads, which are given by their parameters."""
     import casadi
 
     values = getattr(symbolic, quantity)(pepper)(*state)
@@ -87,7 +87,7 @@ def _loaded(pepper: PepperModel, quantity: str, frames: tuple[str, ...], state: 
 def _wrench(pepper: PepperModel, frame: str, state: list[Any], parameters: list[Any]) -> tuple[Any, Any]:
     """Return force and moment that a load needs about its frame's origin p, in world axes.
 
-    With h = sum(m x), Sigma = sum(m x x^T) and I = tr(Sigma) 1 - Sigma, turned into world axes,
+    With h = sum(m x), Sigma = sum(m x x^T) and I = tr(Sigma) 1 - Sigma, rotated into world axes,
 
         f = m (d2p/dt2 - g) + alpha x h + omega x (omega x h),
         n = h x (d2p/dt2 - g) + I alpha + omega x (I omega).

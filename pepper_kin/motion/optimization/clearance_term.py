@@ -1,4 +1,4 @@
-"""Distances to the scene and to the robot itself as slacks."""
+"""Barrier term of distances to the scene and of the robot to itself."""
 
 from __future__ import annotations
 
@@ -25,31 +25,31 @@ from pepper_kin.motion.optimization.moving import Moving, whole_states
 from pepper_kin.planners.optimization import KINDS, RAISED, ROWS, START, TIGHTEN, VALUES, add_row
 
 INFLUENCE = 0.08
-"""Distances beyond the margin by this do not act on a motion [m]."""
+"""Distance beyond the margin above which a pair of bodies has no effect [m]."""
 MOST_PAIRS = 8
-"""Number of pairs that act at one sample: the nearest ones."""
+"""Maximum number of pairs of bodies that act at one sample, the nearest ones."""
 _SPARE = 2e-3  # [m]
-_RISE = 1e-4  # [m] of a floor
-_BLOCK = 80  # states that are measured at once
+_RISE = 1e-4  # rise of a floor that counts as a change [m]
+_BLOCK = 80  # number of states whose distances are computed at once
 _POSE = 16
 
 
 class _ClearanceTable(NamedTuple):
-    """What a term is made of.
+    """Data of a clearance term for compiled functions.
 
     Attributes:
-        near: The pairs that move against each other, and what they keep.
-        joints: Those that move, shape (k,).
-        rest: A whole configuration, whose other joints hold, shape (n,).
+        near: Pairs of bodies that move against each other, and the distances to keep.
+        joints: Indices of the joints that move, shape (k,).
+        rest: A whole configuration with the other joints' positions [rad or m], shape (n,).
         columns: Derivatives of the coordinates of the tree by the joints that move, shape (njoints - 1, k).
-        floor: Of `FlooredTerm`.
-        workspace: Of a call.
-        known: What the last call has left in the workspace, or 0, shape (1,).
+        floor: Floors, see `FlooredTerm`.
+        workspace: Memory of a call.
+        known: Key of the results of the last call in the workspace, or 0, shape (1,).
         frames: Number of frames whose poses are computed.
-        poses: Address of the `batch` of their kernel.
-        work: Its workspace.
+        poses: Address of the `batch` function of the frame poses' kernel.
+        work: Workspace size of that kernel.
         margin: Distance to keep [m].
-        sign: -1 where values are one less the slacks, else 1.
+        sign: -1 if values are 1 - slack, else 1.
     """
 
     near: NearTable
@@ -70,13 +70,13 @@ _table_at = table_reader(_ClearanceTable)
 
 
 class _Prepared(NamedTuple):
-    """What terms of one robot, scene and set of moving joints have in common.
+    """Shared data of all clearance terms of one robot, scene and set of moving joints.
 
     Attributes:
-        table: Table of such a term without what is its own.
+        table: Table of a term without its own values.
         rows_count: Number of rows of a sample.
-        workspace_size: Numbers of its workspace for each sample, and for all.
-        keep_alive: What the table has addresses of.
+        workspace_size: Workspace size for each sample, and for all samples together.
+        keep_alive: Objects whose addresses the table contains.
     """
 
     table: TableMemory
@@ -123,7 +123,7 @@ def _prepared(
 
 
 def _table_of(pepper: PepperModel, scene: Scene, margin: float) -> NearTable:
-    """Return the pairs that move against each other, and what they keep; clouds and meshes as their boxes."""
+    """Return pairs that move against each other, and distances to keep; clouds and meshes as boxes."""
     table = near_table(checker_for(pepper, scene))
     shapes = table.shapes.copy()
     boxed = np.isin(shapes[:, KIND], (HULL, CLOUD))
@@ -134,7 +134,7 @@ def _table_of(pepper: PepperModel, scene: Scene, margin: float) -> NearTable:
 
 @kept_for_robot(most=16)
 def _frames(pepper: PepperModel) -> tuple[str, ...]:
-    """Return for each joint of Pinocchio's model a frame that lies in it."""
+    """Return for each joint of Pinocchio's model a frame that coincides with it."""
     model, found = pepper.inner_model, dict[int, str]()
     for name in pepper.frame_names:
         frame = model.frames[pepper.frame_id(name)]
@@ -144,19 +144,19 @@ def _frames(pepper: PepperModel) -> tuple[str, ...]:
 
 
 class ClearanceTerm(FlooredTerm):
-    """(distance - margin - floor) / (influence - floor) of the nearest pairs at each sample.
+    """Slack (distance - margin - floor) / (influence - floor) of the nearest pairs at each sample.
 
-    The floor is zero, but where the motion to start from is nearer than the margin: there it lies a little
-    below that motion's distance, until `tighten` finds that the margin is kept.
+    The floor is zero, except where the initial motion is nearer than the margin: there it lies a little below
+    that motion's distance, until `tighten` finds that the margin is kept.
 
     Args:
         moving: The joints that move.
         scene: The world around the robot.
         margin: Distance to keep to the scene and between parts of the robot [m].
         per_interval: Samples in each interval of the spline.
-        only_moving: Whether pairs that the moving joints carry alike are left out: a hand that hangs near the
-            hip would lower the floor under the other hand's way.
-        closeness: Whether the values are one less the slacks, for a cost: max(1 - distance / influence, 0).
+        only_moving: Whether pairs that the moving joints do not move against each other are left out: a
+            resting hand near the hip would lower the floor of the other hand's motion.
+        closeness: Whether the values are 1 - slack, for a cost: max(1 - distance / influence, 0).
     """
 
     kinked = True
@@ -180,9 +180,9 @@ class ClearanceTerm(FlooredTerm):
             self.table.set(workspace=self._workspace, known=np.zeros(1, np.int64))
 
     def least_distance(self, q: Array) -> float:
-        """Return the least distance beyond the margin at moving joints' positions, shape (K, k) [m].
+        """Return the minimum distance beyond the margin at positions of the moving joints, shape (K, k) [m].
 
-        Those of `INFLUENCE` and more count as `INFLUENCE`.
+        Distances above `INFLUENCE` count as `INFLUENCE`.
         """
         least, q = INFLUENCE, np.ascontiguousarray(q)
         if self.rows_count:
@@ -198,7 +198,7 @@ def _find_nearest(
 ) -> tuple[Floats4, NearestPairs, NearestWorkspace]:
     """Return the poses and the nearest pairs at positions of the moving joints, and the workspace used.
 
-    Asked again for the same positions, as a step asks after the search along the last one, it has them.
+    Results for the positions of the last call are reused: a step begins where the last line search ended.
     """
     n, frames, table = t.rest.size, t.frames, t.near
     scratch, used = t.workspace, np.zeros(1, np.int64)
@@ -246,7 +246,7 @@ def _are_equal(first: Floats1, second: Floats1) -> bool:
 
 @compiled("float64(int64, float64[:, ::1], float64)")
 def least_distance(table_address: int, q: Floats2, influence: float) -> float:
-    """Return the least distance beyond the margin at positions, shape (K, k), if below some; else that."""
+    """Return the minimum distance beyond the margin at positions, shape (K, k), at most `influence` [m]."""
     t = _table_at(table_address)
     t.known[0] = 0
     near, least = _find_nearest(t, q.reshape(q.size), q.shape[0], 1, influence)[1], influence
@@ -258,11 +258,11 @@ def least_distance(table_address: int, q: Floats2, influence: float) -> float:
 
 @compiled
 def _move_floors(t: _ClearanceTable, distance: Floats2, what: int) -> int:
-    """Lower the floors under a motion, or raise those that it lets rise; return RAISED where that is much."""
+    """Lower the floors below a motion, or raise floors that it permits; return RAISED for a large rise."""
     floors, margin, found = t.floor, t.margin, 0
     for k in range(floors.size):
         apart = distance[k, 0] + margin
-        # Half of what separates bodies may be used up, but no more: the floor must not let them touch.
+        # At most half of the bodies' distance may be used up: the floor must not let them touch.
         spare = min(2.0 * _SPARE, 0.5 * apart) if apart > 0.0 else 2.0 * _SPARE
         under = 0.0 if distance[k, 0] > _SPARE else distance[k, 0] - spare
         if what != START:
@@ -302,7 +302,7 @@ def _write_slopes(
 
 @compiled("int64(int64, int64, int64, int64)", by_address=True)
 def clearance_rows(states: int, result: int, asked: int, memory_address: int) -> int:
-    """Evaluate such a term; see `CompiledTerm`."""
+    """Evaluate a clearance term; see `CompiledTerm`."""
     what, count = asked % KINDS, asked // KINDS
     t = _table_at(memory_address)
     floors, moving = t.floor, t.joints.size

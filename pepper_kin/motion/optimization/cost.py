@@ -18,26 +18,26 @@ from pepper_kin.model.joint_vectors import as_real, shown
 from pepper_kin.trajectory import Trajectory
 
 JERK_STEP = 0.01
-"""Time between the accelerations whose differences are taken as jerk [s]."""
+"""Time between accelerations whose differences give the jerk [s]."""
 
 
 @dataclass(frozen=True)
 class Cost:
-    """Weights of what makes a motion expensive.
+    """Weights of the terms of a motion's cost.
 
         time T + jerk J + effort E + clearance C
-        J = integral of sum_j (jerk_j / greatest acceleration_j)^2 dt   [1/s]
-        E = integral of sum_j (torque_j / greatest torque_j)^2 dt       [s]
+        J = integral of sum_j (jerk_j / maximum acceleration_j)^2 dt   [1/s]
+        E = integral of sum_j (torque_j / maximum torque_j)^2 dt       [s]
         C = integral of sum (1 - distance / INFLUENCE)^2 dt             [s], over the nearest pairs of bodies
                                                                         that are nearer than that
 
     Attributes:
         time: Weight of the duration [1/s].
         jerk: Weight of the jerk [s].  By default 100/s cost as much as 10 ms; motions of the whole body have
-            50 to 500/s, along a path in the shortest time up to 3000/s.  1e-3 makes motions soft and some
-            per cent longer, 1e-6 leaves it to the duration alone.
+            50 to 500/s, time-optimal ones along a path up to 3000/s.  1e-3 makes motions smooth and a few
+            percent longer; with 1e-6 only the duration matters.
         effort: Weight of the effort [1/s].
-        clearance: Weight of being near to things [1/s].
+        clearance: Weight of closeness to bodies [1/s].
     """
 
     time: float = 1.0
@@ -57,13 +57,13 @@ class Cost:
 
 @dataclass(frozen=True)
 class Figures:
-    """Measured on a trajectory.
+    """Cost terms evaluated on a trajectory.
 
     Attributes:
-        duration: T [s].
-        jerk: J [1/s], by differences of the accelerations every `JERK_STEP`, rest before and after included:
-            finite also where accelerations jump.
-        effort: E [s].
+        duration: Duration T [s].
+        jerk: Jerk integral J [1/s], by differences of accelerations every `JERK_STEP`, including rest before
+            and after: finite even if accelerations jump.
+        effort: Effort integral E [s].
     """
 
     duration: float
@@ -71,18 +71,18 @@ class Figures:
     effort: float
 
     def cost(self, cost: Cost) -> float:
-        """Return what duration, jerk and effort cost together."""
+        """Return the total cost of duration, jerk and effort."""
         return cost.time * self.duration + cost.jerk * self.jerk + cost.effort * self.effort
 
 
 def jerk_scale(pepper: PepperModel) -> Array:
-    """Return the jerk of each joint that counts as 1: its greatest acceleration per second, shape (n,)."""
+    """Return the jerk of each joint that counts as 1: its maximum acceleration per second, shape (n,)."""
     stated = np.isfinite(pepper.acceleration_limits) & (pepper.acceleration_limits > 0)
     return np.where(stated, pepper.acceleration_limits, 1.0)
 
 
 def figures_of(pepper: PepperModel, trajectory: Trajectory, loads: Loads = ()) -> Figures:
-    """Measure a trajectory with what is carried."""
+    """Return the cost terms of a trajectory with carried loads."""
     steps = max(int(np.ceil(trajectory.duration / JERK_STEP)), 2)
     dt = trajectory.duration / steps
     state = trajectory(np.linspace(0.0, trajectory.duration, steps + 1))

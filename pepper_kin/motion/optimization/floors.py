@@ -1,4 +1,4 @@
-"""Terms with floors, which admit motions that break them and rise behind motions that keep them."""
+"""Terms with floors, which admit initial motions that violate them, and rise as motions improve."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from pepper_kin.planners.optimization import BarrierBound, CompiledTerm
 
 
 class FlooredTerm(CompiledTerm):
-    """A compiled term whose table holds floors, as `floor`; none there count as zero.
+    """A compiled term whose table holds floors, as `floor`; an empty array counts as zeros.
 
     Args:
         address: Address of the function.
-        table: Its table.
+        table: Table of the term.
         rows_count: Number of rows of a sample.
         per_interval: Samples in each interval of the spline.
         per_sample: Number of floors of a sample.
-        keep_alive: What the table has addresses of.
+        keep_alive: Objects whose addresses the table contains.
 
     Attributes:
-        floor: The floors, flat, shape (K * per_sample,) for K samples; empty for none.
+        floor: Floors, flat, shape (K * per_sample,) for K samples; empty for none.
     """
 
     def __init__(
@@ -37,7 +37,7 @@ class FlooredTerm(CompiledTerm):
         self.table, self._per_sample, self.floor = table, per_sample, np.zeros(0)
 
     def start_from(self, q: Array) -> None:
-        """Lower the floors under a motion, given at the samples, shape (K, k)."""
+        """Set the floors below a motion, given at the samples, shape (K, k)."""
         self.floor = np.zeros(len(q) * self._per_sample)
         self.table.set(floor=self.floor)
         super().start_from(q)

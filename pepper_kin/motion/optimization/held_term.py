@@ -1,4 +1,4 @@
-"""IK tasks that stay met along a motion, as slacks."""
+"""Barrier term of IK tasks that stay met along a motion."""
 
 from __future__ import annotations
 
@@ -13,22 +13,23 @@ from pepper_kin.motion.optimization.moving import Moving
 from pepper_kin.planners.optimization import BarrierBound, Rows
 
 SHARE = 0.97
-"""Share of a tolerance that is used at samples: between them the error may be a little greater."""
+"""Fraction of a tolerance that is used at samples: between them the error may be slightly larger."""
 _SPARE = 0.02
 
 
 class HeldTerm:
-    """1 - |r|^2 / (SHARE tolerance)^2 of each task's residual r, which is above 0 where the task is met.
+    """Slack 1 - |r|^2 / (SHARE tolerance)^2 of each task's residual r, above 0 if the task is met.
 
-    As in `ClearanceTerm`, a floor below zero admits motions that start outside, and rises as they come in.
+    As in `ClearanceTerm`, a floor below zero admits initial motions that violate the tasks, and rises as
+    motions improve.
 
     Args:
         moving: The joints that move.
-        tasks: Tasks with one target and a finite tolerance each; none is allowed, too.
+        tasks: Tasks with one target and a finite tolerance each; the sequence may be empty.
         per_interval: Samples in each interval of the spline.
 
     Raises:
-        InvalidValueError: for a task with several targets, or one of infinite tolerance.
+        InvalidValueError: for a task with several targets, or an infinite tolerance.
         UnknownNameError: for a frame or joint that the robot lacks.
     """
 
@@ -51,11 +52,11 @@ class HeldTerm:
         return self._count
 
     def start_from(self, q: Array) -> None:
-        """Lower the floors under a motion of the moving joints [rad or m], at the samples, shape (K, k)."""
+        """Set the floors below a motion of the moving joints [rad or m], at the samples, shape (K, k)."""
         self._floor = self._floor_under(q)
 
     def tighten(self, q: Array) -> None:
-        """Raise the floors where a motion keeps the tasks better now; it stays above them.
+        """Raise the floors where a motion keeps the tasks better now; the motion stays above them.
 
         Args:
             q: Positions of the moving joints at the samples [rad or m], shape (K, k).
@@ -64,22 +65,22 @@ class HeldTerm:
             self._floor = np.maximum(self._floor, self._floor_under(q))
 
     def values(self, q: Array, v: Array, a: Array) -> Array:
-        """Return the slacks above their floors, as shares, shape (K, number of tasks).
+        """Return the slacks relative to their floors, shape (K, number of tasks).
 
         Args:
             q: Positions of the moving joints at the samples [rad or m], shape (K, k).
-            v: Their velocities, of the same shape; not used.
-            a: Their accelerations, of the same shape; not used.
+            v: Velocities of the moving joints, shape (K, k); not used.
+            a: Accelerations of the moving joints, shape (K, k); not used.
         """
         return (self._slacks(self._residuals(q)[0]) - self._floor) / (1.0 - self._floor)
 
     def rows(self, q: Array, v: Array, a: Array) -> Rows:
-        """Return what `values` returns, and its derivatives by q, shape (K, number of tasks, k).
+        """Return the slacks of `values`, and their derivatives by q, shape (K, number of tasks, k).
 
         Args:
             q: Positions of the moving joints at the samples [rad or m], shape (K, k).
-            v: Their velocities, of the same shape; not used.
-            a: Their accelerations, of the same shape; not used.
+            v: Velocities of the moving joints, shape (K, k); not used.
+            a: Accelerations of the moving joints, shape (K, k); not used.
         """
         residual, slope = self._residuals(q)
         by_position = -2.0 * np.einsum("gr,kr,krj->kgj", self._sums, residual, slope)
@@ -92,6 +93,6 @@ class HeldTerm:
         return 1.0 - residual**2 @ self._sums.T
 
     def _floor_under(self, q: Array) -> Array:
-        """Return floors of g tasks, shape (K, g), under a motion of the moving joints, shape (K, k)."""
+        """Return floors of g tasks, shape (K, g), below a motion of the moving joints, shape (K, k)."""
         slacks = self._slacks(self._residuals(q)[0])
         return np.where(slacks > _SPARE, 0.0, slacks - 2 * _SPARE * (1.0 + np.abs(slacks)))

@@ -1,4 +1,4 @@
-"""Terms that are linear in what a kernel of (q, v, a) computes: torques, moments about edges."""
+"""Terms that are linear in the outputs of a kernel of (q, v, a): torques, edge moments."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from pepper_kin.planners.optimization import KINDS, ROWS, BarrierBound, Compiled
 
 
 class _KernelTable(NamedTuple):
-    """What a term is made of.
+    """Data of a kernel term L f for compiled functions.
 
     Attributes:
-        joints: Those that move, shape (k,).
-        rest: A whole configuration, whose other joints hold, and constants, shape (n,).
+        joints: Indices of the joints that move, shape (k,).
+        rest: A whole configuration with the other joints' positions, followed by constants, shape (n,).
         still: Zeros, shape (n,).
-        first: Where rows of L begin, shape (R + 1,).
-        column: Of each weight, shape (w,).
-        weight: Numbers of L that are not zero, shape (w,).
-        workspace: Of a call.
-        outputs: How many f has.
-        values: Address of the `batch` of f.
-        slopes: Address of the `batch` of its derivatives.
-        work: Workspace of both.
+        first: Offsets of the rows of L among its nonzero elements, shape (R + 1,).
+        column: Column of each nonzero element of L, shape (w,).
+        weight: Nonzero elements of L, shape (w,).
+        workspace: Memory of a call.
+        outputs: Number of outputs of f.
+        values: Address of the `batch` function of f.
+        slopes: Address of the `batch` function of the derivatives of f.
+        work: Workspace size of both functions.
     """
 
     joints: Ints1
@@ -51,15 +51,15 @@ _kernels_at = table_reader(_KernelTable)
 
 
 class KernelTerm(CompiledTerm):
-    """L f(q, v, a) with a constant matrix L.
+    """Term L f(q, v, a) with a constant matrix L.
 
     Args:
         moving: The joints that move.
-        kernels: f, and its derivatives by q, v and a, shape (outputs, n) each.
-        matrix: L, shape (R, outputs).
+        kernels: Kernel of f, and kernel of its derivatives by q, v and a, shape (outputs, n) each.
+        matrix: Matrix L, shape (R, outputs).
         per_interval: Samples in each interval of the spline.
-        barrier_bound: Which values are allowed.
-        constants: Numbers that f takes behind q, shape (p,); its v and a then have p more, too, which are 0.
+        barrier_bound: Bound on the allowed values.
+        constants: Numbers that f takes after q, shape (p,); v and a then have p additional zeros.
     """
 
     def __init__(
@@ -113,7 +113,7 @@ class KernelTerm(CompiledTerm):
 
 @compiled(lean=True)
 def _evaluate_slopes(address: int, whole: Floats3, outputs: Floats2, words: Ints1, work: Floats1) -> None:
-    """Run a kernel of three inputs and outputs for all states, in memory that outlives the call."""
+    """Run a kernel of three inputs and three outputs for all states, with pointers in given memory."""
     count = whole.shape[1]
     for i in range(3):
         words[i], words[3 + i] = whole[i].ctypes.data, whole.shape[2]
@@ -127,14 +127,14 @@ def _map_rows(
     parts: Floats1, lines: tuple[Ints1, Ints1, Floats1], columns: Ints1, sizes: tuple[int, int, int],
     result: Floats1,
 ) -> None:  # fmt: skip
-    """Write L times each of K blocks of outputs, of each of which some columns are taken.
+    """Write the products of L with selected columns of K blocks of outputs.
 
     Args:
-        parts: Shape (K, outputs, n), flat.
-        lines: L row by row: where rows begin, columns, and weights.
-        columns: Columns that are taken.
-        sizes: K, outputs, n.
-        result: Written, shape (K, R, taken), flat.
+        parts: Blocks, shape (K, outputs, n), flat.
+        lines: Sparse rows of L: offsets of the rows, columns, and weights.
+        columns: Indices of the selected columns.
+        sizes: K, outputs and n.
+        result: Receives the products, shape (K, R, number of columns), flat.
     """
     count, outputs, n = sizes
     first, column, weight = lines
@@ -152,7 +152,7 @@ def _map_rows(
 
 @compiled("int64(int64, int64, int64, int64)", by_address=True)
 def kernel_rows(states: int, result: int, asked: int, memory_address: int) -> int:
-    """Evaluate such a term; see `CompiledTerm`."""
+    """Evaluate a kernel term; see `CompiledTerm`."""
     what, count = asked % KINDS, asked // KINDS
     t = _kernels_at(memory_address)
     n, outputs, joints, lines = t.rest.size, t.outputs, t.joints, (t.first, t.column, t.weight)

@@ -1,4 +1,4 @@
-"""The motion of least effort between two states, on the full dynamics."""
+"""Minimum-effort motion between two states, with the full dynamics."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ if TYPE_CHECKING:
 
 
 SOLVERS = ("newton", "ipopt", "fatrop")
-_EXCESS = 0.02  # share by which torques between the points of the transcription may exceed
+_EXCESS = 0.02  # relative excess allowed for torques between the points of the transcription
 
 
 class MinimumTorqueStatus(ResultStatus):
-    """How the search for a motion ended; `advice` says what to try."""
+    """Status of the search; `advice` says what to try."""
 
     SOLVED = "solved", "Examine it with check(); obstacles were not looked at."
     NOT_CONVERGED = "not_converged", "Raise max_iterations, or try another solver."
@@ -52,16 +52,16 @@ class MinimumTorqueStatus(ResultStatus):
 
 @dataclass(frozen=True, eq=False)
 class MinimumTorqueTrajectory(BriefRepr):
-    """The outcome of `minimum_torque_trajectory`.
+    """Result of `minimum_torque_trajectory`.
 
     Attributes:
-        status: How it ended.
+        status: Status of the search.
         message: What happened, in a sentence with numbers.
-        trajectory: The motion; None where the solver gave none that joins start and goal.
-        figures: Its duration, jerk and effort; None without a motion.
-        iterations: Of the solver.
-        time: Wall time, building included [s].
-        solver: The solver.
+        trajectory: The motion; None if the solver found none that joins start and goal.
+        figures: Duration, jerk and effort of the motion; None without a motion.
+        iterations: Number of iterations of the solver.
+        time: Wall time, including building the problem [s].
+        solver: Name of the solver.
     """
 
     status: MinimumTorqueStatus
@@ -78,7 +78,7 @@ class MinimumTorqueTrajectory(BriefRepr):
         return self.status is MinimumTorqueStatus.SOLVED
 
     def report(self) -> str:
-        """Say in plain words what was found, and what to try."""
+        """Return in plain words the result, and what to try."""
         return f"{self.message} {self.status.advice} {NOT_EXAMINED.capitalize()}."
 
 
@@ -94,24 +94,24 @@ def minimum_torque_trajectory(
     payload: Mapping[str, float] | None = None,
     scene: Scene | None = None,
 ) -> MinimumTorqueTrajectory:
-    """Find the motion of given duration from rest to rest that takes the least effort.
+    """Find the motion of given duration from rest to rest with minimum effort.
 
-    It minimizes the integral of sum_j (tau_j / greatest tau_j)^2 dt, tau = M(q) a + C(q, v) v + g(q), within
-    the limits of position, velocity, acceleration and torque; all joints may move whose limits are not zero.
-    Wheels of a planar base keep their limits, too; "ipopt" and "fatrop" search without them, and what
-    breaks them then is LIMITS_EXCEEDED.  Neither obstacles nor the robot itself are looked at: `optimize`
-    with `Cost(time=0, jerk=1e-3, effort=1)` and a duration does.
+    The integral of sum_j (tau_j / maximum tau_j)^2 dt, tau = M(q) a + C(q, v) v + g(q), is minimized within
+    the limits of position, velocity, acceleration and torque; all joints with nonzero limits may move.
+    Wheels of a planar base keep their limits, too; "ipopt" and "fatrop" search without wheel limits, and a
+    motion that violates them has the status LIMITS_EXCEEDED.  Collisions are not checked; `optimize` with
+    `Cost(time=0, jerk=1e-3, effort=1)` and a duration avoids them.
 
     Args:
         pepper: The robot.
         start: First configuration [rad or m], shape (n,).
         goal: Last configuration [rad or m], shape (n,).
         duration: Duration [s].
-        intervals: Segments of the motion.
+        intervals: Number of segments of the motion.
         solver: "newton": splines of zero acceleration at both ends, by compiled kernels, in a fraction of a
             second.  "ipopt" and "fatrop": direct transcription by CasADi with free accelerations at both
             ends and exact Hessians, in seconds to minutes; a reference.
-        max_iterations: Of the solver.
+        max_iterations: Maximum number of iterations of the solver.
         payload: Point masses held at "left", "right" or a frame by name [kg], besides attached objects.
         scene: The scene whose attached objects count with their mass; None for none.
 
@@ -162,7 +162,7 @@ def _limits(pepper: PepperModel, loads: Loads) -> Limits:
 
 
 def _shares(pepper: PepperModel, trajectory: Trajectory, limits: Limits) -> dict[str, float]:
-    """Return the greatest share of each kind of limit that a motion uses."""
+    """Return the largest fraction of each kind of limit that a motion uses."""
     duration, wheels = trajectory.duration, limits.wheels
     state = trajectory(sample_times(duration, examination_step(duration)))
     use = measure_use(pepper, state, replace(limits, wheels=None))
@@ -174,7 +174,7 @@ def _shares(pepper: PepperModel, trajectory: Trajectory, limits: Limits) -> dict
 
 
 def _motionless(pepper: PepperModel, moving: NDArray[np.bool_], limits: Limits) -> str:
-    """Say which joint cannot move as it has to, or "" if none; `moving` is a mask, shape (n,)."""
+    """Return a sentence on a joint that must move but cannot, or ""; `moving` is a mask, shape (n,)."""
     stuck = [
         (pepper.effort_limits == 0, "effort", "and all joints are moved"),
         (moving & (limits.velocity == 0), "velocity", "and start and goal differ there"),
@@ -187,12 +187,12 @@ def _motionless(pepper: PepperModel, moving: NDArray[np.bool_], limits: Limits) 
 
 
 def _end(pepper: PepperModel, value: ArrayLike, name: str) -> Array:
-    """Return start or goal of a motion, checked, shape (n,) [rad or m].
+    """Return start or goal of a motion after checks [rad or m], shape (n,).
 
     Args:
         pepper: The robot.
-        value: The joint positions, shape (n,).
-        name: What messages call them.
+        value: Joint positions [rad or m], shape (n,).
+        name: Name of the configuration in messages.
 
     Raises:
         InvalidValueError: for a wrong shape, NaN or infinity.
@@ -204,17 +204,17 @@ def _end(pepper: PepperModel, value: ArrayLike, name: str) -> Array:
 
 
 class _Request(NamedTuple):
-    """A motion that is sought.
+    """A request for a motion.
 
     Attributes:
         pepper: The robot.
         first: Joint positions at the start [rad or m], shape (n,).
-        last: Joint positions at the end, of the same shape.
+        last: Joint positions at the end [rad or m], shape (n,).
         duration: Duration [s].
-        intervals: Of the spline, or of the transcription.
-        max_iterations: Of the solver.
-        solver: One of `SOLVERS`, of which CasADi knows "ipopt" and "fatrop" by the same names.
-        limits: Limits, with what the robot carries.
+        intervals: Number of intervals of the spline, or of the transcription.
+        max_iterations: Maximum number of iterations of the solver.
+        solver: One of `SOLVERS`; CasADi has the same names for "ipopt" and "fatrop".
+        limits: Limits, with carried loads.
     """
 
     pepper: PepperModel
@@ -268,7 +268,7 @@ def _by_casadi(request: _Request) -> tuple[MinimumTorqueStatus, Trajectory | Non
     if found.violation > 1e-5:
         ended = MinimumTorqueStatus.NOT_CONVERGED if found.status is EffortStatus.SOLVED else status
         return ended, None, found.iterations
-    resting = ~free_joints(pepper, limits)  # to rounding: a limit of zero takes it exactly
+    resting = ~free_joints(pepper, limits)  # so far up to rounding, but zero limits hold exactly
     q, v, a = found.position.copy(), found.velocity.copy(), found.acceleration.copy()
     q[:, resting], v[:, resting], a[:, resting] = first[resting], 0.0, 0.0
     samples = Samples(pepper.joint_names, found.time, q, v, a, pepper.joint_units)

@@ -1,4 +1,4 @@
-"""Joints of a robot that move, the others standing still, and those that may move at all."""
+"""Joints of a robot that move while the others rest, and joints that may move at all."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from pepper_kin.trajectory.limits import Limits
 
 @dataclass(frozen=True, eq=False)
 class Moving:
-    """Some joints of a robot, the others standing still.
+    """Moving joints of a robot, while the other joints rest.
 
     Attributes:
         pepper: The robot.
-        joints: Places of the joints that move, rising, shape (k,).
-        rest: A whole configuration, whose other joints hold, shape (n,) [rad or m].
+        joints: Indices of the joints that move, increasing, shape (k,).
+        rest: A whole configuration with the other joints' positions [rad or m], shape (n,).
     """
 
     pepper: PepperModel
@@ -30,14 +30,14 @@ class Moving:
 
 
 def free_joints(pepper: PepperModel, limits: Limits) -> NDArray[np.bool_]:
-    """Return which joints may move, shape (n,): those of which no limit is zero, nor the range."""
+    """Return which joints may move, shape (n,): joints with nonzero limits and a nonzero range."""
     has_range = pepper.upper_limits > pepper.lower_limits
     return np.asarray(has_range & (limits.velocity > 0) & (limits.acceleration > 0))
 
 
 @compiled(lean=True)
 def whole_states(states: Floats1, joints: Ints1, rest: Floats1, whole: Floats2) -> None:
-    """Write whole vectors, shape (m, n), of the moving joints' ones, shape (m k,); others are as at rest."""
+    """Write whole vectors, shape (m, n), from vectors of the moving joints, shape (m k,), and from `rest`."""
     n = joints.size
     for k in range(whole.shape[0]):
         for j in range(whole.shape[1]):

@@ -43,21 +43,21 @@ if TYPE_CHECKING:
 
 
 SOLVERS = ("newton", "ipopt", FATROP)
-_LEAST_TIME = 1e-6  # [s] for a search that begins late: it returns the motion that it begins with
+_LEAST_TIME = 1e-6  # time of a search that begins late [s]: it returns its initial motion
 MOST_STARTS = 10_000
 LONGEST = 86_400.0  # [s]
 MOST_INTERVALS = 1_000
 TIMEOUT = 5.0
-"""Wall time of a search, if nothing else is said [s]."""
-_DISTANCE_STEP = 0.004  # [s], between those whose distances are measured
-_CONSTRAINT_STATES = 301  # at which tasks are measured by Pinocchio
+"""Default wall time of a search [s]."""
+_DISTANCE_STEP = 0.004  # time between states whose distances are measured [s]
+_CONSTRAINT_STATES = 301  # number of states at which task errors are computed by Pinocchio
 _MORE = 1.0 + 1e-6
-_ROUNDING = 1e-9  # of a limit
-_SLOWER = 50  # times at most
-_DETOUR = 0.25  # share of a joint's range by which other starts leave the straight line at most
-_TORQUE_SPARE = 1.0 - 3e-4  # share of the torques that may be used at every millisecond
-_KEPT = 0.5  # share of the margin that the motion between samples must keep
-_FINER = 3  # times as many intervals where the motion of those asked for is not clear
+_ROUNDING = 1e-9  # violation attributed to rounding, relative to the limit
+_SLOWER = 50  # maximum number of slow-downs of a given motion
+_DETOUR = 0.25  # maximum deviation of other starts from the straight line, relative to a joint's range
+_TORQUE_SPARE = 1.0 - 3e-4  # fraction of the torques that may be used at every millisecond
+_KEPT = 0.5  # fraction of the margin that the motion between samples must keep
+_FINER = 3  # factor on the number of intervals if the motion is not clear
 
 
 def optimize(
@@ -82,47 +82,53 @@ def optimize(
     starts: int = 1,
     seed: int = 0,
 ) -> Optimized:
-    """Make a motion cheaper, path and timing together, within all limits.
+    """Optimize path and timing of a motion together, within all limits.
 
     The motion is a cubic B-spline from rest to rest whose accelerations are continuous and zero at both ends.
-    Unknowns are its control points and its duration.  Limits of position and velocity hold at control points
-    and so everywhere, those of acceleration at knots, where it is extreme; torques hold at knots, clearances
-    and tasks at four samples in each interval.  A feasible interior-point method (`planners.optimization`)
-    lowers the cost; values and exact derivatives come from compiled code.  The result is examined every
-    millisecond: time is stretched where a torque is exceeded, and where distances or tasks are not kept, or
-    nothing was gained, the motion before is returned.
+    Unknowns are its control points and its duration.  Position and velocity limits hold at control points and
+    so everywhere, acceleration limits at knots, where the extremes are; torques hold at knots, clearances and
+    tasks at four samples in each interval.  A feasible interior-point method (`planners.optimization`) lowers
+    the cost; values and exact derivatives come from compiled code.  The result is examined every millisecond:
+    time is stretched if a torque is exceeded; if distances or tasks are not kept, or nothing was gained, the
+    initial motion is returned.
 
     Args:
         pepper: The robot.
-        path: A plan, a path as `retime` takes it (two configurations: a straight line), or a trajectory, made
-            slower first where it breaks limits.  Joints that do not move in it stay still.
+        path: A plan, a path as `retime` takes it (two configurations: a straight line), or a trajectory,
+            which is slowed down first if it violates limits.  Joints that do not move in it stay at rest.
         scene: The world around the robot.
         cost: Weights of time, jerk, effort and closeness; by default time and a little jerk.
-        duration: Duration that the motion shall have [s]; by default it is free.
-        margin: Distance to keep to all things [m]; less where the path to start from is nearer than that, and
-            never less than half of that in between samples.
-        intervals: Pieces of the spline, 4 to 1,000; three times as many if these come too near.
-        velocity_scale: As in `retime`.
-        acceleration_scale: As in `retime`.
-        torque_scale: As in `retime`.
-        balance: As in `retime` [m]; over a base that moves, "robot", by slowing down what is found, or None.
-        payload: As in `retime` [kg].
-        jerk: Limits of jerk as in `retime`, at every instant; None for none.  A path is timed without first.
+        duration: Requested duration [s]; free by default.
+        margin: Distance to keep to all bodies [m]; less if the initial path is nearer; between samples at
+            least half of it.
+        intervals: Number of pieces of the spline, 4 to 1,000; three times as many are tried if the motion
+            comes too near.
+        velocity_scale: Fraction of the velocity limits to use, in (0, 1].
+        acceleration_scale: Fraction of the acceleration limits to use, in (0, 1].
+        torque_scale: Fraction of the effort limits to use, in (0, 1]; "robot" as in `retime`.
+        balance: Distance that the zero-moment point keeps from the edges of the wheels' triangle [m], "robot"
+            as in `retime`, or None.  With a base that moves only "robot", which slows down the motion found,
+            or None.
+        payload: Point masses held at "left", "right" or a frame by name [kg].
+        jerk: Jerk limits as `retime` takes them, kept at every instant; None for none.  A path is first timed
+            without jerk limits.
         constraints: IK tasks of finite tolerance that stay met along the motion, as `plan` takes them.
-        max_iterations: Newton steps at most; ten times as many of a general solver.
-        timeout: Wall time of the search [s], then the best is taken; `TIMEOUT` if omitted; not for "fatrop".
-        solver: "newton"; or "ipopt" or "fatrop" for the same problem by a general solver: references, slower.
-        starts: Number of motions to start from: that along the path, then two straight lines by a random
-            posture each, searched on all cores ("newton").  The cheapest result is kept.
-        seed: Seed of these postures.
+        max_iterations: Maximum number of Newton steps; a general solver may take ten times as many.
+        timeout: Wall time of the search [s], after which the best motion is returned; `TIMEOUT` if omitted;
+            not for "fatrop".
+        solver: "newton"; or "ipopt" or "fatrop" for the same problem by a general solver, slower, for
+            reference.
+        starts: Number of initial motions: the one along the path, then motions of two straight lines through
+            a random posture, searched on all cores ("newton").  The cheapest result is returned.
+        seed: Seed of the random postures.
 
     Returns:
-        The result; its trajectory is never worse than the one to start from (which may collide if it does).
+        The result; its trajectory is never worse than the initial one (which may collide if that does).
 
     Raises:
         InvalidValueError: for an option out of range, a plan without a path, or a wrong path.
-        LimitError: where the path leaves the position limits, naming the joint.
-        InfeasibleError: where torque limits forbid the path to start from.
+        LimitError: if the path leaves the position limits, naming the joint.
+        InfeasibleError: if torque limits forbid the initial path.
     """
     from pepper_kin.motion.optimization.spline_problem import SplineProblem, load_search  # only here
 
@@ -130,7 +136,7 @@ def optimize(
         pepper, velocity_scale=velocity_scale, acceleration_scale=acceleration_scale,
         torque_scale=torque_scale, balance=balance, payload=payload, scene=scene, along=path,
     )  # fmt: skip
-    # Over a base that moves, balance is kept by slowing down what the search finds without it.
+    # With a base that moves, the search ignores balance, and its result is slowed down to keep it.
     searched = allowed._replace(balance=None) if balance == ROBOT and moves_base(pepper) else allowed
     load_search(pepper, allowed.loads, searched.balance is not None)
     begin = working_time()
@@ -155,12 +161,12 @@ def optimize(
 
 
 class _Descents(NamedTuple):
-    """How problems are searched.
+    """Settings of a search.
 
     Attributes:
-        wanted: The duration that the motion shall have [s]; None: it is free.
-        steps: Newton steps at most.
-        end: When a search ends, on the clock of `working_time` [s].
+        wanted: Requested duration [s]; None if it is free.
+        steps: Maximum number of Newton steps.
+        end: Time at which a search ends, on the clock of `working_time` [s].
         solver: One of SOLVERS.
     """
 
@@ -170,7 +176,7 @@ class _Descents(NamedTuple):
     solver: str
 
     def __call__(self, problems: Sequence[SplineProblem]) -> list[LocalResult]:
-        """Return the outcomes; several searches leave threads their turn."""
+        """Return the results of all problems; several problems are searched in parallel threads."""
         if len(problems) == 1 or self.solver != SOLVERS[0]:
             return [self._of(problem) for problem in problems]
         with ThreadPoolExecutor(min(len(problems), os.cpu_count() or 1)) as threads:
@@ -184,9 +190,9 @@ class _Descents(NamedTuple):
 def _cheapest(
     judge: _Judge, problems: Sequence[SplineProblem], search: _Descents, finer: Callable[[], SplineProblem]
 ) -> Optimized:
-    """Return the cheapest outcome that passes, or what became of the first where none does.
+    """Return the cheapest acceptable result, or the refused result of the first problem.
 
-    Where that came too near to something, between its samples, a problem of more intervals is searched.
+    If the first one came too near to something between its samples, a problem of more intervals is searched.
     """
     refused: dict[int, Optimized] = {}
     descents = search(problems)
@@ -202,21 +208,21 @@ def _cheapest(
 
 
 def _cost_of(descent: LocalResult) -> float:
-    """Return the cost that a search ended with; inf where it had no start."""
+    """Return the final cost of a search; inf if it had no start."""
     return float("inf") if descent.status is OptimizationStatus.START_INFEASIBLE else descent.cost
 
 
 def _within_limits(pepper: PepperModel, path: object, motion: Trajectory, limits: Limits) -> Trajectory:
-    """Return the motion to start from, made slower if it is a user's and breaks limits.
+    """Return the initial motion, slowed down if it was given by the caller and violates limits.
 
     Args:
         pepper: The robot.
-        path: What the user gave.
-        motion: The motion made of it; the same object where the user gave a motion.
+        path: Path or motion given by the caller.
+        motion: Initial motion; the same object as `path` if the caller gave a motion.
         limits: The limits.
 
     Raises:
-        InfeasibleError: where no slower motion is within the limits.
+        InfeasibleError: if no slower motion is within the limits.
     """
     if motion is not path:
         return motion
@@ -253,7 +259,7 @@ def _checked(
     intervals: int,
     seed: int,
 ) -> tuple[float | None, float]:
-    """Return the duration wanted, if any, and the time that the search may take [s]."""
+    """Check options; return the requested duration, if any, and the time of the search [s]."""
     check_choice("solver", solver, SOLVERS)
     checked_margin(margin)
     check_whole("starts", starts, 1, MOST_STARTS)
@@ -278,7 +284,7 @@ def _timed(
     payload: Mapping[str, float] | None = None,
     scene: Scene | None = None,
 ) -> Trajectory:
-    """Return the motion to start from: the one that was given, or along a path in the shortest time."""
+    """Return the initial motion: the given one, or the time-optimal motion along a path."""
     if isinstance(path, Trajectory):
         refuse_other_joints(pepper, path.joint_names)
         return path
@@ -294,9 +300,9 @@ def _timed(
 def _detours(
     pepper: PepperModel, before: Trajectory, starts: int, seed: int, allowed: MotionLimits, end: float
 ) -> Iterator[Trajectory]:
-    """Return motions along two straight lines from start to goal, by random postures of moving joints.
+    """Yield motions along two straight lines from start to goal through random postures of moving joints.
 
-    There are no more of them once the clock shows `end` [s].
+    No further motions follow after the time `end` [s].
     """
     rng, first, last = np.random.default_rng(seed), before.start, before.end
     moving = first != last
@@ -317,7 +323,7 @@ def _detours(
 
 @dataclass(frozen=True, eq=False)
 class _Judge:
-    """Examines what a search found, and returns it if it is clear and cheaper than the motion before."""
+    """Examination of a search's motion, which is accepted if it is clear and cheaper than the initial one."""
 
     pepper: PepperModel
     problem_data: SplineProblem
@@ -330,7 +336,7 @@ class _Judge:
     tasks: tuple[Task, ...]
 
     def __call__(self, problem: SplineProblem, descent: LocalResult) -> Optimized:
-        """Return the outcome of a descent on a problem, that of the motion before or another."""
+        """Return the result of a descent on a problem."""
         old = figures_of(self.pepper, self.before, self.limits.loads)
 
         def refused(status: OptimizedStatus, message: str) -> Optimized:
@@ -344,7 +350,7 @@ class _Judge:
             why = problem.broken(descent)
             return refused(OptimizedStatus.NO_ROOM, f"No {what} near the path keeps all limits. {why}")
         found = problem.trajectory(descent)
-        if found.duration > LONGEST:  # from hardly any motion the search can go astray
+        if found.duration > LONGEST:  # the search can diverge for very small motions
             return refused(OptimizedStatus.NOT_CHEAPER, f"The best found takes {found.duration:.3g} s.")
         states = found(sample_times(found.duration, examination_step(found.duration)))
         limits = replace(self.limits, torque=_TORQUE_SPARE * np.asarray(self.limits.torque))
@@ -396,14 +402,14 @@ class _Judge:
         return tuple(max(task.error(self.pepper, state) for state in q) for task in self.tasks)
 
     def _measured(self, motion: Trajectory) -> Callable[[], Clearance]:
-        """Return what measures the least distances along a motion at every millisecond, by coal."""
+        """Return a function that measures the minimum distances along a motion every millisecond, by coal."""
         times = sample_times(motion.duration, examination_step(motion.duration))
         return lambda: clearance_along(self.pepper, motion(times).position, self.scene)
 
     def _clearance(self, problem: SplineProblem, motion: Trajectory) -> float:
-        """Return the least distance along a motion [m], by the search; -inf where something touches.
+        """Return the minimum distance along a motion [m], by the search's code; -inf if something touches.
 
-        That nothing touches is proven along all of the motion; distances are measured every 4 ms.
+        Freedom of contact is proven along the whole motion; distances are measured every 4 ms.
         """
         if not is_clear_along(Checks(self.pepper, self.scene), motion, held=False):
             return -float("inf")

@@ -16,7 +16,7 @@ from pepper_kin.trajectory import Trajectory
 
 
 class OptimizedStatus(ResultStatus):
-    """How the optimization of a motion ended; `advice` says what to try."""
+    """Status of the optimization; `advice` says what to try."""
 
     IMPROVED = "improved", "Examine it with check()."
     NOT_CHEAPER = "not_cheaper", "Take the motion as it is, or weigh jerk more."
@@ -27,22 +27,22 @@ class OptimizedStatus(ResultStatus):
 
 @dataclass(frozen=True, eq=False)
 class Optimized(BriefRepr):
-    """The outcome of `optimize`.
+    """Result of `optimize`.
 
     Attributes:
-        status: How it ended.
+        status: Status of the optimization.
         message: What happened, in a sentence with numbers.
-        trajectory: The optimized motion where it was improved, else the one before.
-        before: The motion that was given, made slower where it broke the limits asked for; where a path was
-            given, along it in the shortest time.
+        trajectory: The optimized motion if it is an improvement, else the motion before.
+        before: The given motion, slowed down if it violated limits; for a path, the time-optimal motion along
+            it.
         figures: Duration, jerk and effort of `trajectory`.
-        figures_before: The same of `before`.
-        cost: The weights.
-        evidence: What gives `clearance`, or its value.
-        descent: How the search itself ended; None where it had no start.
-        time: Wall time [s], the timing of a given path included, the compiling of code not.
-        constraint_errors: Largest error of each task that was to stay met, along `trajectory`, by Pinocchio,
-            groups taken apart [m or rad]; empty where there are none.
+        figures_before: Duration, jerk and effort of `before`.
+        cost: Weights of the cost.
+        evidence: Function that computes `clearance`, or its value.
+        descent: Result of the search itself; None if it had no start.
+        time: Wall time [s], including the timing of a given path, without compiling code.
+        constraint_errors: Largest error of each constraint task along `trajectory`, by Pinocchio, with groups
+            split [m or rad]; empty without constraints.
     """
 
     status: OptimizedStatus
@@ -59,15 +59,15 @@ class Optimized(BriefRepr):
 
     @cached_property
     def clearance(self) -> Clearance:
-        """Least distances of `trajectory` to obstacles and between parts of the robot [m], by coal.
+        """Minimum distances of `trajectory` to obstacles and between parts of the robot [m], by coal.
 
-        Of every millisecond, measured when first asked for; by how much bodies may come nearer in between is
-        the `resolution` that `check` states.
+        They are measured every millisecond, at their first use; the `resolution` of `check` bounds how much
+        nearer bodies may come in between.
         """
         return self.evidence() if callable(self.evidence) else self.evidence
 
     def __getstate__(self) -> dict[str, Any]:
-        """Travel with the clearance instead of the means to measure it."""
+        """Return the state for pickling, with the clearance computed."""
         return {**self.__dict__, "clearance": self.clearance, "evidence": self.clearance}
 
     @property
@@ -77,14 +77,14 @@ class Optimized(BriefRepr):
 
     @property
     def shorter_by(self) -> float:
-        """Share of the duration that was saved; negative where the motion became longer."""
+        """Fraction of the duration that was saved; negative if the motion became longer."""
         return 1.0 - self.figures.duration / self.figures_before.duration
 
     @property
     def smoother_by(self) -> float:
-        """Share of the jerk that was saved."""
+        """Fraction of the jerk that was saved."""
         return 1.0 - self.figures.jerk / self.figures_before.jerk
 
     def report(self) -> str:
-        """Say in plain words what was gained, and what to try."""
+        """Return in plain words the gain, and what to try."""
         return f"{self.message} {self.status.advice}"

@@ -1,4 +1,4 @@
-"""Joint ranges that depend on another joint, where neighboring bodies would meet."""
+"""Barrier term of joint ranges that depend on another joint, where neighboring bodies would meet."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ from pepper_kin.motion.optimization.moving import Moving
 from pepper_kin.planners.optimization import KINDS, ROWS, START, TIGHTEN, VALUES
 
 INFLUENCE = 0.3
-"""Angles beyond the range's end by this do not act on a motion [rad]."""
+"""Angle inside a range's end above which the range has no effect [rad]."""
 _SPARE = 0.005  # [rad]
 _RAMP = 0.05  # [rad]
 
 
 @dataclass(frozen=True, eq=False)
 class _Edge:
-    """One side of a range: sign * (y - edge(x)) > 0, edge linear between tabulated positions.
+    """One side of a range: sign * (y - edge(x)) > 0, with the edge linear between tabulated positions.
 
     Attributes:
-        first: Place of joint x.
-        second: Place of joint y.
+        first: Index of joint x.
+        second: Index of joint y.
         sign: 1 for a lower, -1 for an upper edge.
-        x: Tabulated positions, rising [rad], shape (m,).
-        y: Edge at them [rad], shape (m,).
+        x: Tabulated positions, increasing [rad], shape (m,).
+        y: Edge at the tabulated positions [rad], shape (m,).
     """
 
     first: int
@@ -45,17 +45,17 @@ class _Edge:
 
 
 class _EdgeTable(NamedTuple):
-    """Edges of all ranges.
+    """Edges of all ranges, for compiled functions.
 
     Attributes:
-        floor: Of `FlooredTerm`.
-        joints: Those that move, shape (k,).
-        rest: A whole configuration, whose other joints hold, shape (n,).
-        places: Both joints of each edge, and their places among those that move, or -1, shape (e, 4).
-        signs: Of the edges, shape (e,).
-        first: Where the numbers of each begin, shape (e + 1,).
-        x: Of one edge after the other.
-        y: Of one edge after the other.
+        floor: Floors, see `FlooredTerm`.
+        joints: Indices of the joints that move, shape (k,).
+        rest: A whole configuration with the other joints' positions [rad or m], shape (n,).
+        places: Indices of both joints of each edge, and their indices among the moving joints, or -1, (e, 4).
+        signs: Signs of the edges, shape (e,).
+        first: Offset of each edge's numbers in x and y, shape (e + 1,).
+        x: Tabulated positions of all edges [rad].
+        y: Edge values at these positions [rad].
     """
 
     floor: Floats1
@@ -72,10 +72,10 @@ _edges_at = table_reader(_EdgeTable)
 
 
 class RangeTerm(FlooredTerm):
-    """Angles left to the ends of the ranges that replace the collision check of neighboring bodies.
+    """Slack of the angles to the ends of ranges that replace the collision check of neighboring bodies.
 
-    The table's ranges change in steps; the edges used here are continuous and lie inside of them.  As in
-    `ClearanceTerm` a floor admits motions that start beyond an edge.
+    The table's ranges change in steps; the edges used here are continuous and lie inside them.  As in
+    `ClearanceTerm`, a floor admits initial motions beyond an edge.
 
     Args:
         moving: The joints that move.
@@ -108,7 +108,7 @@ class RangeTerm(FlooredTerm):
 
 @compiled(lean=True)
 def _edge_at(x: Floats1, y: Floats1, at: float) -> tuple[float, float]:
-    """Return an edge and its slope, constant beyond its ends."""
+    """Return an edge's value and slope; the edge is constant beyond its ends."""
     if at <= x[0]:
         return y[0], 0.0
     if at >= x[-1]:
@@ -126,7 +126,7 @@ def _edge_at(x: Floats1, y: Floats1, at: float) -> tuple[float, float]:
 
 @compiled("int64(int64, int64, int64, int64)", by_address=True)
 def range_rows(states: int, result: int, asked: int, memory_address: int) -> int:
-    """Evaluate such a term; see `CompiledTerm`."""
+    """Evaluate a range term; see `CompiledTerm`."""
     what, count = asked % KINDS, asked // KINDS
     t = _edges_at(memory_address)
     floors, places, signs, first, x, y = t.floor, t.places, t.signs, t.first, t.x, t.y
@@ -171,12 +171,12 @@ def _edges_of(pepper: PepperModel, margin: float) -> tuple[_Edge, ...]:
 
 
 def _edges(table: DependentRange, lower: Array, upper: Array, margin: float) -> list[_Edge]:
-    """Return a table's lower and upper edge, each only where it lies within the joint's own limits.
+    """Return a table's lower and upper edge, each only if it lies within the joint's own limits.
 
     Args:
         table: The table.
         lower: Lower limits of all joints [rad or m], shape (n,).
-        upper: Upper limits of all joints, of the same shape.
+        upper: Upper limits of all joints [rad or m], shape (n,).
         margin: Angle that the edges are moved inward by [rad].
     """
     found = []
@@ -193,11 +193,10 @@ def _edges(table: DependentRange, lower: Array, upper: Array, margin: float) -> 
 def _ramps(x: Array, values: Array) -> tuple[Array, Array]:
     """Return corners of the lowest continuous function with short ramps above a table's steps.
 
-    Between two rows the greater value holds.  Where that steps up, the ramp ends at the step, where it steps
-    down, it begins there.
+    Between two rows the larger value holds.  A ramp ends at a step up, and begins at a step down.
 
     Args:
-        x: Positions of the rows, rising [rad], shape (m,).
+        x: Positions of the rows, increasing [rad], shape (m,).
         values: Values of the rows [rad], shape (m,).
 
     Returns:

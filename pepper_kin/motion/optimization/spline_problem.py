@@ -1,4 +1,4 @@
-"""A robot's motion as a spline to optimize."""
+"""Optimization problem of a robot's motion as a spline."""
 
 from __future__ import annotations
 
@@ -40,21 +40,21 @@ from pepper_kin.trajectory import Trajectory
 from pepper_kin.trajectory.limits import Limits
 
 GENERAL_STEPS = 10
-"""Steps that a general solver may take for each of Newton's."""
+"""Number of steps that a general solver may take for each Newton step."""
 
 MOST_INTERVALS = 3_000
-"""Most pieces of a spline."""
+"""Maximum number of pieces of a spline."""
 
-_STILL = 1e-9  # [rad or m]; joints that move less do not move
-_FIT_SAMPLES = 12  # of the first motion, for each interval
-_TORQUE_SHARE = 0.99  # of the limit at knots: between them torques may rise a little
+_STILL = 1e-9  # range of a joint up to which it counts as resting [rad or m]
+_FIT_SAMPLES = 12  # samples of the first motion for each interval
+_TORQUE_SHARE = 0.99  # fraction of the limit at knots: between them torques may rise slightly
 _FIRST_STRETCH, _STRETCH, _MOST_STRETCHES = 0.9, 1.1, 50
-_SPARE_TIME = 1.02  # of the first duration that keeps all limits
-_SMOOTHNESS = 0.3  # of the first motion, see `RestSpline.fit`
-_DEEPEST = 0.5  # of the margin that a first motion so smooth may use up
-_INSIDE = 1e-4  # of the range: how far first control points keep from position limits
-_RANGE_MARGIN = 0.002  # [m] kept by neighboring bodies, whose ranges change in steps between samples
-_SMALL = 1e-9  # weight of the jerk where only time counts: keeps the problem well posed
+_SPARE_TIME = 1.02  # factor on the first duration that keeps all limits
+_SMOOTHNESS = 0.3  # smoothness of the first motion, see `RestSpline.fit`
+_DEEPEST = 0.5  # fraction of the margin that the smooth first motion may use up
+_INSIDE = 1e-4  # distance of the first control points from position limits, relative to the range
+_RANGE_MARGIN = 0.002  # distance between neighboring bodies [m]; their ranges change in steps between samples
+_SMALL = 1e-9  # weight of the jerk if only time counts, so that the problem is well posed
 _LIMITS = ("position", "velocity", "acceleration", "jerk")
 _WHAT = {
     "ClearanceTerm": "the distance to things",
@@ -63,11 +63,11 @@ _WHAT = {
     "BalanceTerm": "the balance",
     "WheelTerm": "the limits of the wheels",
 }
-_SHORT = 0.995  # of the wanted duration, from which the search slows down to it
+_SHORT = 0.995  # fraction of the wanted duration at which the first search stops
 
 
 def load_search(pepper: PepperModel, loads: Loads, balanced: bool) -> None:
-    """Load, or compile, the search and its terms, before any clock starts."""
+    """Load or compile the search and its terms, before any clock starts."""
     _load_search()
     for quantity in ("inverse_dynamics", "base_wrench")[: 1 + balanced] if loads else ():
         carrying_kernels(pepper, quantity, loads)
@@ -85,18 +85,17 @@ class SplineProblem:
 
     Args:
         pepper: The robot.
-        before: The motion to start from.
-        scene: The world around the robot; None to look neither at it nor at the robot itself.
-        cost: Weights.
-        limits: The limits, and what is carried.
+        before: The initial motion.
+        scene: The world around the robot; None to leave out collisions, also of the robot with itself.
+        cost: Weights of the cost.
+        limits: The limits, with carried loads.
         margin: Distance to keep [m].
-        intervals: Pieces of the spline.
+        intervals: Number of pieces of the spline.
         tasks: IK tasks that stay met along the motion.
-        all_joints: Whether joints that stand still in the motion to start from may move, too.
+        all_joints: Whether joints that rest in the initial motion may move, too.
 
     Attributes:
-        clearance_before: Least distance of the motion to start from, at samples [m]; see
-            `least_distance`.
+        clearance_before: Minimum distance of the initial motion at samples [m]; see `least_distance`.
     """
 
     def __init__(
@@ -125,7 +124,8 @@ class SplineProblem:
         self._margin = margin
         lower, upper = pepper.lower_limits[joints], pepper.upper_limits[joints]
         inside = np.where(np.isfinite(upper - lower), _INSIDE * (upper - lower), 0.0)
-        # Tasks are kept by the path as it is; else a smoother motion is nearer to what is sought.
+        # With tasks, the path is not smoothed, since it keeps them; else a smoother motion is nearer to the
+        # optimum.
         self._firsts = [
             np.clip(self._spline.fit(path[:, joints], smoothness), lower + inside, upper - inside)
             for smoothness in ((0.0,) if tasks else (_SMOOTHNESS, 0.0))
@@ -161,9 +161,9 @@ class SplineProblem:
         self.clearance_before = self.least_distance(path[:: _FIT_SAMPLES // 4])
 
     def least_distance(self, q: Array) -> float:
-        """Return the least distance at whole configurations, shape (m, n) [m].
+        """Return the minimum distance at whole configurations, shape (m, n) [m].
 
-        It is cut off at `margin + INFLUENCE`.
+        It is at most `margin + INFLUENCE`.
         """
         found = self._apart.least_distance(q[:, self._moving.joints])
         return min(found, self._at_rest) + self._margin  # other pairs stay as they are at rest
@@ -171,11 +171,12 @@ class SplineProblem:
     def descend(
         self, wanted: float | None, max_iterations: int, timeout: float, solver: str = "newton"
     ) -> LocalResult:
-        """Search from the first motion, made slow enough to keep all limits.
+        """Search from the first motion, slowed down to keep all limits.
 
         Args:
-            wanted: Duration that the motion shall have [s]; None where it is free.
-            max_iterations: Newton steps at most; general solvers take up to `GENERAL_STEPS` as many.
+            wanted: Requested duration [s]; None if it is free.
+            max_iterations: Maximum number of Newton steps; general solvers take up to `GENERAL_STEPS` times
+                as many.
             timeout: Wall time [s].
             solver: "newton", or a general solver of `planners.optimization.descend_by`.
 
@@ -221,7 +222,7 @@ class SplineProblem:
         return Trajectory(pepper.joint_names, breaks, coefficients, pepper.joint_units)
 
     def _feasible_duration(self, control: Array) -> float:
-        """Return a duration [s] in which a motion keeps all limits with some slack, if there is one.
+        """Return a duration in which a motion keeps all limits with some slack, if there is one [s].
 
         Args:
             control: All control points of the moving joints [rad or m], shape (M + p, k), see `RestSpline`.
@@ -234,7 +235,7 @@ class SplineProblem:
         return _SPARE_TIME * duration
 
     def broken(self, descent: LocalResult) -> str:
-        """Say which limit or constraint the motion of a descent breaks most, and where."""
+        """Return in words the limit or constraint that the motion of a descent violates most, and where."""
         objective = self._objective
         control = self._spline.control_points(descent.unknowns)
         share, order, joint = objective.worst_slack(control, descent.duration)

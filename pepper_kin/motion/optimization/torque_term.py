@@ -1,4 +1,4 @@
-"""Torques as shares of the joints' efforts."""
+"""Torques relative to the joints' effort limits."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from pepper_kin.planners.optimization import BarrierBound
 
 
 class TorqueTerm(KernelTerm):
-    """tau / limit of all joints with a finite effort, with exact derivatives from `symbolic`.
+    """Term tau / limit of all joints with a finite effort, with exact derivatives from `symbolic`.
 
     Args:
-        moving: The joints that move; torques of the others count, too.
-        limits: Torques that count as 1 [N m or N], shape (n,), inf for none.
+        moving: The joints that move; torques of the other joints count, too.
+        limits: Torques that count as 1 [N m or N], shape (n,), inf for no limit.
         per_interval: Samples in each interval of the spline.
-        loads: What is carried.
+        loads: Carried loads.
     """
 
     def __init__(self, moving: Moving, limits: Array, per_interval: int, loads: Loads = ()) -> None:

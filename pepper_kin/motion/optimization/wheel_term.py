@@ -1,4 +1,4 @@
-"""Speeds and accelerations of the wheels under a planar base, as shares of their limits."""
+"""Speeds and accelerations of the wheels of a planar base, relative to their limits."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from pepper_kin.motion.optimization.moving import Moving
 from pepper_kin.planners.optimization import BarrierBound, Rows
 from pepper_kin.trajectory.balance import WheelLimits
 
-_SMOOTH = 1e-3  # of the base's greatest speed: rounds off the corner that |v| has at rest
+_SMOOTH = 1e-3  # smoothing of |v| at rest, relative to the base's maximum speed
 
 
 class WheelTerm:
-    """Shares of the speed of each wheel and its acceleration, and of the base's speed to either side.
+    """Term of each wheel's speed and acceleration and of the base's speed, relative to their limits.
 
-    The last is (|v| +- lever omega) / base_speed: both are between -1 and 1 where |v| + lever |omega| is
-    within its limit.
+    The base's speed has two rows, (|v| +- lever omega) / base_speed: both are between -1 and 1 if |v| + lever
+    |omega| is within its limit.
 
     Args:
         moving: The joints that move.
-        wheels: The limits.
-        share: Of the limits that is used.
+        wheels: The limits of the wheels.
+        share: Fraction of the limits that is used.
         per_interval: Samples in each interval of the spline.
     """
 
@@ -30,18 +30,18 @@ class WheelTerm:
     def __init__(self, moving: Moving, wheels: WheelLimits, share: float, per_interval: int) -> None:
         self._wheels, self.per_interval = wheels.scaled(share, share), per_interval
         self._places = np.array(wheels.places)
-        # Where each joint of the base is among those that move; -1 if it stands still.
+        # Index of each base joint among the moving joints; -1 if it rests.
         self._columns = np.array(
             [int(np.argmax(moving.joints == j)) if j in moving.joints else -1 for j in wheels.places]
         )
         self._rest = moving.rest[self._places]
 
     def values(self, q: Array, v: Array, a: Array) -> Array:
-        """Return the shares, shape (K, 2 k + 2) for k wheels, at states of shape (K, n)."""
+        """Return the values, shape (K, 2 k + 2) for k wheels, at states of shape (K, n)."""
         return self.rows(q, v, a).value
 
     def rows(self, q: Array, v: Array, a: Array) -> Rows:
-        """Return the shares and their derivatives, shape (K, 2 k + 2, n)."""
+        """Return the values and their derivatives, shape (K, 2 k + 2, n)."""
         wheels, count = self._wheels, len(q)
         yaw = self._of_base(q, self._rest)[:, 2]
         v_x, v_y, omega = self._of_base(v, np.zeros(3)).T
@@ -84,11 +84,11 @@ class WheelTerm:
         return Rows(value, slopes("q"), slopes("v"), slopes("a"))
 
     def _of_base(self, states: Array, rest: Array) -> Array:
-        """Return the base's part of states, shape (K, 3); what does not move is at `rest`, shape (3,)."""
+        """Return the base's part of states, shape (K, 3); resting joints are at `rest`, shape (3,)."""
         return np.where(self._columns >= 0, states[:, self._columns], rest)
 
     def _spread(self, slopes: Array, n: int) -> Array:
-        """Return derivatives by x, y and yaw, shape (K, R, 3), as derivatives by all that moves."""
+        """Expand derivatives by x, y and yaw, shape (K, R, 3), to all moving joints, shape (K, R, n)."""
         whole = np.zeros((*slopes.shape[:2], n))
         present = self._columns >= 0
         whole[:, :, self._columns[present]] = slopes[:, :, present]
@@ -96,7 +96,7 @@ class WheelTerm:
 
 
 def _matrix(*rows: tuple[Array, Array, Array]) -> Array:
-    """Return matrices, shape (K, 3, 3), of up to three rows of arrays of shape (K,); others are zero."""
+    """Return matrices, shape (K, 3, 3), from up to three rows of arrays, shape (K,); others are zero."""
     found = np.zeros((rows[0][0].size, 3, 3))
     for k, row in enumerate(rows):
         found[:, k] = np.stack(row, axis=1)

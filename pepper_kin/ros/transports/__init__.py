@@ -1,9 +1,9 @@
-"""Ways by which messages travel.
+"""Transports of messages.
 
 LocalTransport                            within this program
 RosbridgeServer, RosbridgeClient          JSON over web sockets
-RclpyTransport, CycloneTransport, ZenohTransport   the graph of ROS 2, by any of these libraries
-DEFAULT_PORT                              of rosbridge
+RclpyTransport, CycloneTransport, ZenohTransport   the ROS 2 graph, by one of three libraries
+DEFAULT_PORT                              TCP port of rosbridge
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Transport through Cyclone DDS: topics of the ROS graph, without an installed ROS.
 
-Services and actions need an installed ROS (rclpy) or rosbridge: their requests travel differently with each
-vendor's DDS.  Joint trajectories move a robot all the same: the topic `joint_trajectory` of its controllers.
+Services and actions need an installed ROS (rclpy) or rosbridge: each vendor's DDS sends their requests in
+another way.  Joint trajectories can still move a robot, by the topic `joint_trajectory` of its controllers.
 
 Source: ROS 2 design, "Topic and Service name mapping to DDS"; rmw_dds_common for `ros_discovery_info`.
 """
@@ -27,8 +27,8 @@ logger = logging.getLogger(__name__)
 
 DISCOVERY = "ros_discovery_info"
 _GRAPH_TYPE = "rmw_dds_common/msg/ParticipantEntitiesInfo"
-_MOST_TAKEN = 64  # messages taken at a time
-_BLOCKED = 1.0  # longest time that a reliable publisher waits for a slow receiver [s]
+_MOST_TAKEN = 64  # maximum number of messages taken at a time
+_BLOCKED = 1.0  # maximum time that a reliable publisher waits for a slow receiver [s]
 
 _CONFIGURATION = """<CycloneDDS><Domain>
 <General>{general}<AllowMulticast>true</AllowMulticast><MaxMessageSize>65500B</MaxMessageSize></General>
@@ -51,13 +51,13 @@ class CycloneTransport(GraphTransport):
 
     Args:
         node_name: Name of the node in the ROS graph.
-        domain_id: DDS domain, 0 to 232; that of the variable ROS_DOMAIN_ID if omitted, else 0.
-        local: Whether to stay on this machine; if omitted, as ROS_AUTOMATIC_DISCOVERY_RANGE is LOCALHOST.
+        domain_id: DDS domain, 0 to 232; if omitted, the variable ROS_DOMAIN_ID, else 0.
+        local: Whether to stay on this machine; if omitted, if ROS_AUTOMATIC_DISCOVERY_RANGE is LOCALHOST.
 
     Raises:
-        MissingDependencyError: where `cyclonedds` is not installed.
-        InvalidValueError: for another domain.
-        TransportError: where the domain cannot be opened.
+        MissingDependencyError: if `cyclonedds` is not installed.
+        InvalidValueError: for a domain out of range.
+        TransportError: if the domain cannot be opened.
     """
 
     def __init__(
@@ -103,15 +103,15 @@ class CycloneTransport(GraphTransport):
         return self.keep(topic, make)
 
     def offer_service(self, name: str, type_name: str, callback: Callable[[Any], Any]) -> Closable:
-        """Refuse: see the module."""
+        """Refuse: this transport carries topics only, see the module."""
         raise _not_carried(name)
 
     def call_service(self, name: str, type_name: str, request: Any, timeout: float = SERVER_WAIT) -> Any:
-        """Refuse: see the module."""
+        """Refuse: this transport carries topics only, see the module."""
         raise _not_carried(name)
 
     def offer_action(self, name: str, type_name: str, server: ActionServer) -> Closable:
-        """Refuse: see the module."""
+        """Refuse: this transport carries topics only, see the module."""
         raise _not_carried(name)
 
     def send_goal(
@@ -122,7 +122,7 @@ class CycloneTransport(GraphTransport):
         feedback_callback: Callable[[Any], None] | None = None,
         timeout: float = SERVER_WAIT,
     ) -> GoalHandle:
-        """Refuse: see the module."""
+        """Refuse: this transport carries topics only, see the module."""
         raise _not_carried(name)
 
     def _leave(self) -> None:
@@ -140,7 +140,7 @@ class CycloneTransport(GraphTransport):
         return topic
 
     def _listed(self) -> None:
-        """Publish which readers and writers are the node's, for the tools that list nodes."""
+        """Publish the node's readers and writers, for tools that list nodes."""
         gid, node, graph = (message_type(f"rmw_dds_common/msg/{name}") for name in _GRAPH_NAMES)
         ends: dict[bool, list[Any]] = {True: [], False: []}
         for part in self._parts:
@@ -160,18 +160,18 @@ _GRAPH_NAMES = ("Gid", "NodeEntitiesInfo", "ParticipantEntitiesInfo")
 
 
 class _CyclonePart(OpenPart):
-    """A reader or a writer that is open."""
+    """An open reader or writer."""
 
     def __init__(self, transport: CycloneTransport, entity: Any) -> None:
         super().__init__(transport, self._end)
         self.entity = entity
 
     def _end(self) -> None:
-        self.entity = None  # which deletes it
+        self.entity = None  # dropping the reference deletes the entity
 
 
 class CyclonePublisher(_CyclonePart, Publisher):
-    """See `Publisher`."""
+    """Publisher of a topic by a Cyclone writer; see `Publisher`."""
 
     def __init__(self, transport: CycloneTransport, topic: str, kind: type[Any], writer: Any) -> None:
         super().__init__(transport, writer)
@@ -188,13 +188,13 @@ class CyclonePublisher(_CyclonePart, Publisher):
 
     @property
     def subscription_count(self) -> int:
-        """Number of subscriptions that match."""
+        """Number of matching subscriptions."""
         entity = self.entity
         return 0 if entity is None else len(entity.get_matched_subscriptions())
 
 
 class CycloneSubscription(_CyclonePart):
-    """Calls back on a thread."""
+    """Subscription by a Cyclone reader; it calls back on a thread of its own."""
 
     def __init__(
         self,
@@ -260,6 +260,7 @@ def _writer(participant: Any, topic: Any, qos: QoS, type_name: str) -> Any:
 
 
 def _write(writer: Any, data: bytes, name: str) -> None:
+    """Write encoded bytes, padded to whole words, by a writer; raise TransportError if that fails."""
     from cyclonedds._clayer import ddspy_write
 
     code = ddspy_write(writer._ref, data + bytes(-len(data) % 4))
@@ -268,6 +269,7 @@ def _write(writer: Any, data: bytes, name: str) -> None:
 
 
 def _quality(qos: QoS, type_name: str) -> Any:
+    """Return Cyclone's quality of service, with the hash of the type as user data."""
     from cyclonedds.qos import Policy, Qos
     from cyclonedds.util import duration
 

@@ -1,4 +1,4 @@
-"""Types that Cyclone DDS announces: the fields of a message, under the names that ROS 2 uses on DDS."""
+"""Types for Cyclone DDS: the fields of messages, under the names that ROS 2 uses on DDS."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ def dds_name(type_name: str) -> str:
 def announced_type(type_name: str) -> Any:
     """Return Cyclone's structure of a message type: final, in CDR of version 1.
 
-    Its values are never made: messages travel as bytes of `pepper_kin.ros_messages.encode`.
+    The structure is never instantiated: messages are sent as bytes of `pepper_kin.ros_messages.encode`.
 
     Args:
-        type_name: Full name.
+        type_name: Full name of the message type.
     """
     from cyclonedds.idl import annotations, make_idl_struct, types
 
@@ -40,6 +40,7 @@ def announced_type(type_name: str) -> Any:
 
 
 def _field_type(field: Field) -> Any:
+    """Return Cyclone's type of a field."""
     from cyclonedds.idl import types
 
     if field.nested:

@@ -1,4 +1,4 @@
-"""DDS domain of a node and how far it reaches: the environment variables of ROS 2."""
+"""DDS domain and discovery range of a node, from the environment variables of ROS 2."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import os
 from pepper_kin.exceptions import InvalidValueError
 
 LARGEST_DOMAIN = 232
-"""Above it, the ports of DDS would lie beyond 65535."""
+"""Maximum DDS domain: for larger ones, ports would exceed 65535."""
 
 LOCALHOST, SUBNET = "LOCALHOST", "SUBNET"
 _RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
@@ -15,10 +15,10 @@ _RANGES = ("OFF", LOCALHOST, SUBNET, "SYSTEM_DEFAULT")
 
 
 def domain_number(domain_id: int | None = None) -> int:
-    """Return a DDS domain: the one stated, else that of the variable ROS_DOMAIN_ID, else 0.
+    """Return a DDS domain: the given one, else the variable ROS_DOMAIN_ID, else 0.
 
     Raises:
-        InvalidValueError: for a number that is none.
+        InvalidValueError: for a number that is not a domain.
     """
     text = os.environ.get("ROS_DOMAIN_ID", "") if domain_id is None else str(domain_id)
     text = text or "0"
@@ -29,10 +29,10 @@ def domain_number(domain_id: int | None = None) -> int:
 
 
 def discovery_range() -> str:
-    """Return which nodes are discovered: the variable ROS_AUTOMATIC_DISCOVERY_RANGE, else SUBNET.
+    """Return the discovery range of nodes: the variable ROS_AUTOMATIC_DISCOVERY_RANGE, else SUBNET.
 
     Raises:
-        InvalidValueError: for a value that ROS 2 does not have.
+        InvalidValueError: for a value unknown to ROS 2.
     """
     text = os.environ.get(_RANGE, "").upper() or SUBNET
     if text not in _RANGES:
@@ -41,6 +41,6 @@ def discovery_range() -> str:
 
 
 def stay_on_this_machine() -> None:
-    """Let nodes of this process reach this machine only, where ROS_AUTOMATIC_DISCOVERY_RANGE is not set."""
+    """Limit nodes of this process to this machine, unless ROS_AUTOMATIC_DISCOVERY_RANGE is set."""
     if not os.environ.get(_RANGE):
         os.environ[_RANGE] = LOCALHOST

@@ -1,4 +1,4 @@
-"""What transports have in common: what is open is kept, and closed with them, the last first."""
+"""Base of transports: open parts are recorded, and closed with the transport, the last first."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from pepper_kin.ros.transport import Closable, Transport
 
 
 class GraphTransport(Transport):
-    """A transport that keeps its open parts.
+    """A transport that records its open parts.
 
     Attributes:
-        lock: Held while parts are made.
-        closed: Whether it was closed.
+        lock: Lock that is held while parts are made.
+        closed: Whether the transport was closed.
     """
 
     def __init__(self) -> None:
@@ -24,7 +24,7 @@ class GraphTransport(Transport):
         self._parts: list[OpenPart] = []
 
     def check_open(self, name: str) -> None:
-        """Refuse what is asked of a closed transport.
+        """Refuse the use of a closed transport.
 
         Raises:
             TransportError: after `close`.
@@ -33,7 +33,7 @@ class GraphTransport(Transport):
             raise TransportError(name, "the transport is closed; make a new one")
 
     def keep(self, name: str, make: Callable[[], Any]) -> Any:
-        """Return a part that is made where the transport is open, and closed with it.
+        """Return a new part, which is closed with the transport.
 
         Raises:
             TransportError: after `close`.
@@ -53,7 +53,7 @@ class GraphTransport(Transport):
                 self._listed()
 
     def close(self) -> None:
-        """Close all parts, actions before their services, and leave."""
+        """Close all parts, actions before their services, and end the connection."""
         with self.lock:
             if self.closed:
                 return
@@ -64,7 +64,7 @@ class GraphTransport(Transport):
         self._leave()
 
     def _listed(self) -> None:
-        """Say which parts are open, where others ask."""
+        """Announce the open parts on transports that list them."""
 
     @abstractmethod
     def _leave(self) -> None:
@@ -72,14 +72,14 @@ class GraphTransport(Transport):
 
 
 class OpenPart(Closable):
-    """Something of a transport that is open.
+    """An open part of a transport, such as a publisher or a service.
 
     Args:
-        transport: Which it is of.
-        end: Ends it.
+        transport: Transport of the part.
+        end: Function that ends the part.
 
     Attributes:
-        closed: Whether it was closed.
+        closed: Whether the part was closed.
     """
 
     def __init__(self, transport: GraphTransport, end: Callable[[], object]) -> None:
@@ -87,7 +87,7 @@ class OpenPart(Closable):
         self._closing, self.closed = threading.Lock(), False
 
     def close(self) -> None:
-        """End it."""
+        """End the part."""
         with self._closing:
             if self.closed:
                 return

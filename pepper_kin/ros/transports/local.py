@@ -29,17 +29,17 @@ Callback = Callable[[Any], None]
 class LocalTransport(GraphTransport):
     """Topics, services and actions within this program.
 
-    Others may look on: a rosbridge server lends it to clients elsewhere.
+    A rosbridge server makes them available to clients elsewhere.
 
     Attributes:
-        written: The last message that was written for others, and its text.
+        written: The last message that was encoded as text for clients, and its text.
     """
 
     def __init__(self) -> None:
         super().__init__()
         self.written: tuple[Any, str] = (None, "")
         self._topics: dict[str, Topic] = {}
-        self._second: dict[tuple[str, str], str] = {}  # topic and its second type -> name within
+        self._second: dict[tuple[str, str], str] = {}  # (topic, second type) -> internal name
         self._services: dict[str, Service] = {}
         self._actions: dict[str, Action] = {}
 
@@ -52,17 +52,17 @@ class LocalTransport(GraphTransport):
 
     @property
     def topics(self) -> dict[str, str]:
-        """Name and type of all topics that somebody publishes or subscribes to."""
+        """Name -> type of all topics with a publisher or a subscription."""
         with self.lock:
             within = set(self._second.values())
             used = {name: t for name, t in sorted(self._topics.items()) if t.is_used}
             return {name: t.type_name for name, t in used.items() if name not in within}
 
     def flush(self, timeout: float = SERVER_WAIT) -> None:
-        """Wait until all messages so far have been called back: before simulated time goes on, for example.
+        """Wait until the callbacks of all messages so far have returned, such as before time advances.
 
         Raises:
-            TransportError: where callbacks take longer than the time [s].
+            TransportError: if callbacks take longer than the timeout [s].
         """
         with self.lock:
             entries = [entry for topic in self._topics.values() for entry in topic.subscriptions]
@@ -72,22 +72,22 @@ class LocalTransport(GraphTransport):
 
     @property
     def services(self) -> dict[str, str]:
-        """Name and type of all services."""
+        """Name -> type of all services."""
         with self.lock:
             return {name: entry.type_name for name, entry in sorted(self._services.items())}
 
     @property
     def actions(self) -> dict[str, str]:
-        """Name and type of all actions."""
+        """Name -> type of all actions."""
         with self.lock:
             return {name: entry.type_name for name, entry in sorted(self._actions.items())}
 
     def topic(self, name: str, type_name: str | None) -> Topic:
-        """Return a topic, made where it is new.
+        """Return a topic, which is made if it is new.
 
         Args:
-            name: Of the topic.
-            type_name: Its type; None for that of a topic which is known.
+            name: Name of the topic.
+            type_name: Type of the topic; None for the type of a known topic.
 
         Raises:
             UnknownNameError: for an unknown type.
@@ -116,14 +116,14 @@ class LocalTransport(GraphTransport):
         return Subscription(self, self.topic(topic, type_name), qos, callback)
 
     def second_type(self, topic: str, type_name: str) -> str:
-        """Return the name of a topic's second type; clients state the topic's own, and that type."""
+        """Return the internal name of a topic's second type; clients use the topic's name and that type."""
         with self.lock:
             return self._second.setdefault(
                 (topic, message_type(type_name).type_name), f"{topic} of {type_name}"
             )
 
     def listen(self, topic: str, type_name: str | None, callback: Callback) -> Closable:
-        """Call back with every message on the thread that publishes it: for callbacks that return at once."""
+        """Call back with every message on the publishing thread, for callbacks that return at once."""
         return DirectSubscription(self, self.topic(topic, type_name), callback)
 
     def offer_service(self, name: str, type_name: str, callback: Callable[[Any], Any]) -> Closable:
@@ -153,13 +153,13 @@ class LocalTransport(GraphTransport):
         """Return a service by name.
 
         Raises:
-            TransportError: for one that nobody offers.
+            TransportError: for a service that nobody offers.
         """
         with self.lock:
             return self._known(self._services, name, "service")
 
     def action(self, name: str) -> Action:
-        """Return an action by name; raises as `service`."""
+        """Return an action by name; raises TransportError for an action that nobody offers."""
         with self.lock:
             return self._known(self._actions, name, "action")
 
@@ -187,10 +187,10 @@ class LocalTransport(GraphTransport):
 
 
 class Topic:
-    """A topic: its type, those who publish and subscribe, and what it keeps for late subscriptions.
+    """A topic: its type, publishers and subscriptions, and its last encoded message.
 
     Args:
-        name: Of the topic.
+        name: Name of the topic.
         kind: Class of its messages.
     """
 
@@ -203,12 +203,12 @@ class Topic:
 
     @property
     def is_used(self) -> bool:
-        """Whether anybody publishes or subscribes."""
+        """Whether the topic has a publisher or a subscription."""
         return bool(self.publishers or self.subscriptions)
 
 
 class LocalPublisher(Publisher):
-    """See `Publisher`."""
+    """Publisher within this program; see `Publisher`."""
 
     def __init__(self, transport: LocalTransport, topic: Topic, qos: QoS) -> None:
         self._transport, self.topic = transport, topic
@@ -234,13 +234,13 @@ class LocalPublisher(Publisher):
             subscription.take(message)
 
     def close(self) -> None:
-        """Publish nothing more."""
+        """Remove the publisher from its topic."""
         with self._transport.lock:
             self.topic.publishers.discard(self)
 
 
 class DirectSubscription(Closable):
-    """Calls back on the thread that publishes."""
+    """Subscription that calls back on the publishing thread."""
 
     def __init__(self, transport: LocalTransport, topic: Topic, callback: Callback) -> None:
         self._transport, self.topic, self._callback = transport, topic, callback
@@ -251,20 +251,20 @@ class DirectSubscription(Closable):
             self.take(message)
 
     def take(self, message: Any) -> None:
-        """Take a message."""
+        """Call back with a message; an exception is logged."""
         try:
             self._callback(message)
         except Exception:
             logger.exception("%s: the callback of a subscription failed", self.topic.name)
 
     def close(self) -> None:
-        """Take nothing more."""
+        """Remove the subscription from its topic."""
         with self._transport.lock:
             self.topic.subscriptions = tuple(one for one in self.topic.subscriptions if one is not self)
 
 
 class Subscription(DirectSubscription):
-    """Calls back on a separate thread; where that is slow, the oldest messages are dropped."""
+    """Subscription that calls back on a separate thread; if it is slow, the oldest messages are dropped."""
 
     def __init__(self, transport: LocalTransport, topic: Topic, qos: QoS, callback: Callback) -> None:
         self._waiting: deque[Any] = deque(maxlen=qos.depth)
@@ -282,7 +282,7 @@ class Subscription(DirectSubscription):
             self._changed.notify_all()
 
     def close(self) -> None:
-        """Take nothing more, and end the thread."""
+        """Remove the subscription from its topic, and end the thread."""
         super().close()
         with self._changed:
             self._ended = True
@@ -302,13 +302,13 @@ class Subscription(DirectSubscription):
                 self._changed.notify_all()
 
     def flush(self, timeout: float) -> bool:
-        """Wait until all messages so far have been called back; return whether that came to be in time."""
+        """Wait until the callbacks of all messages so far have returned; return whether they did in time."""
         with self._changed:
             return self._changed.wait_for(lambda: self._ended or not (self._waiting or self._busy), timeout)
 
 
 class Service(Closable):
-    """A service and what answers it."""
+    """A service and the callback that answers it."""
 
     def __init__(
         self, transport: LocalTransport, name: str, type_name: str, callback: Callable[[Any], Any]
@@ -319,7 +319,7 @@ class Service(Closable):
         self.type_name = type_name
 
     def call(self, request: Any) -> Any:
-        """Return the answer.
+        """Return the response to a request.
 
         Raises:
             InvalidValueError: for a request of another type.
@@ -336,5 +336,5 @@ class Service(Closable):
             raise TransportError(self.name, f"the service failed: {error}") from error
 
     def close(self) -> None:
-        """Offer it no more."""
+        """Withdraw the service."""
         self._transport.withdraw(self)

@@ -1,4 +1,4 @@
-"""Actions within one program: goals on threads, as their servers and their clients see them."""
+"""Actions within one program: goals on threads, with the interfaces of servers and clients."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ class Action(Closable):
     """An action and its goals.
 
     Args:
-        withdraw: Called when it is closed.
-        name: Of the action.
-        type_name: Of the action.
-        server: What it does.
+        withdraw: Function that is called when the action is closed.
+        name: Name of the action.
+        type_name: Type of the action.
+        server: Server that executes goals.
     """
 
     def __init__(
@@ -56,9 +56,9 @@ class Action(Closable):
 
         Args:
             goal: The Goal message.
-            on_feedback: Called with each Feedback message.
-            on_end: Called with the result.
-            goal_id: What its client calls it, 16 bytes; made if omitted.
+            on_feedback: Function that is called with each Feedback message.
+            on_end: Function that is called with the result.
+            goal_id: Identifier of the goal by its client, 16 bytes; made if omitted.
 
         Raises:
             InvalidValueError: for a goal of another type.
@@ -72,7 +72,7 @@ class Action(Closable):
         return made
 
     def close(self) -> None:
-        """Offer it no more, and abort its goals."""
+        """Withdraw the action, and abort its goals."""
         self._withdraw(self)
         for goal in tuple(self.goals):
             goal.request_cancel()
@@ -80,7 +80,7 @@ class Action(Closable):
 
 
 class LocalGoal(ServerGoal, GoalHandle):
-    """A goal, as its server and as its client see it."""
+    """A goal, with the interfaces of its server and of its client."""
 
     def __init__(
         self,
@@ -97,7 +97,7 @@ class LocalGoal(ServerGoal, GoalHandle):
         self._result: GoalResult | None = None
 
     def begin(self) -> None:
-        """Execute it on a thread."""
+        """Execute the goal on a thread."""
         self.accepted, self._status = True, GoalStatus.EXECUTING
         self.action.goals.add(self)
         threading.Thread(target=self._run, name=f"ros {self.action.name}", daemon=True).start()
@@ -122,7 +122,7 @@ class LocalGoal(ServerGoal, GoalHandle):
 
     @property
     def done(self) -> bool:
-        """Whether the result is there."""
+        """Whether the goal has a result, or was not accepted."""
         return self._ended.is_set() or not self.accepted
 
     def publish_feedback(self, feedback: Any) -> None:
@@ -161,7 +161,7 @@ class LocalGoal(ServerGoal, GoalHandle):
         return True
 
     def request_cancel(self) -> bool:
-        """Request the end of the goal; return whether the server accepts that."""
+        """Request to cancel the goal; return whether the server accepts the request."""
         if self.done:
             return False
         self._cancel = True  # before the server is notified, which may end the goal at once
@@ -172,7 +172,7 @@ class LocalGoal(ServerGoal, GoalHandle):
         return self._cancel
 
     def cancel(self, timeout: float = SERVER_WAIT) -> bool:
-        """Request the end of the goal."""
+        """Request to cancel the goal; return whether the server accepts the request."""
         return self.request_cancel()
 
     def result(self, timeout: float | None = None) -> GoalResult:

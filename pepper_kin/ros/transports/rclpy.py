@@ -1,6 +1,6 @@
-"""Transport through rclpy, where a ROS 2 is installed: topics, services and actions on the ROS graph.
+"""Transport through rclpy of an installed ROS 2: topics, services and actions on the ROS graph.
 
-Topics carry bytes of `pepper_kin.ros_messages`, which rclpy passes on as they are.  `ROS_DOMAIN_ID` and
+Topics carry bytes of `pepper_kin.ros_messages`, which rclpy passes on unchanged.  `ROS_DOMAIN_ID` and
 `ROS_AUTOMATIC_DISCOVERY_RANGE` apply as to every node.
 """
 
@@ -25,7 +25,7 @@ from pepper_kin.ros_messages.messages import check_message
 logger = logging.getLogger(__name__)
 
 _THREADS = 32
-"""Most callbacks and goals under way at a time; threads are started as they are needed."""
+"""Maximum number of concurrent callbacks and goals; threads are started when needed."""
 
 
 class RclpyTransport(GraphTransport):
@@ -38,8 +38,8 @@ class RclpyTransport(GraphTransport):
         node_name: Name of the node.
 
     Raises:
-        MissingDependencyError: where rclpy cannot be imported.
-        InvalidValueError: where a variable of the environment is no domain, or no range of discovery.
+        MissingDependencyError: if rclpy cannot be imported.
+        InvalidValueError: if an environment variable is not a domain, or not a discovery range.
     """
 
     def __init__(self, node_name: str = "pepper_kin") -> None:
@@ -85,7 +85,7 @@ class RclpyTransport(GraphTransport):
         return self.keep(topic, make)
 
     def offer_service(self, name: str, type_name: str, callback: Callable[[Any], Any]) -> Closable:
-        """Answer calls of a service; where the callback fails, with a default response."""
+        """Answer calls of a service; if the callback fails, the response is the default one."""
         self.check_open(name)
         kinds = service_type(type_name)
         request, response = (converter(kind.type_name) for kind in kinds)
@@ -154,7 +154,7 @@ class RclpyTransport(GraphTransport):
         self.node.destroy_node()
 
     def group(self, *, reentrant: bool = False) -> Any:
-        """Return a new callback group: callbacks one after the other, or at the same time."""
+        """Return a new callback group, which runs callbacks one after the other, or concurrently."""
         from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 
         return ReentrantCallbackGroup() if reentrant else MutuallyExclusiveCallbackGroup()
@@ -173,7 +173,7 @@ class RclpyTransport(GraphTransport):
 
 
 class RclpyPublisher(OpenPart, Publisher):
-    """See `Publisher`."""
+    """Publisher of a topic by rclpy; see `Publisher`."""
 
     def __init__(self, transport: RclpyTransport, topic: str, types: Converter, qos: QoS) -> None:
         made = transport.node.create_publisher(
@@ -192,11 +192,12 @@ class RclpyPublisher(OpenPart, Publisher):
 
     @property
     def subscription_count(self) -> int:
-        """Number of subscriptions that match."""
+        """Number of matching subscriptions."""
         return 0 if self.closed else int(self._publisher.get_subscription_count())
 
 
 def _profile(qos: QoS) -> Any:
+    """Return rclpy's profile of a quality of service."""
     from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
     return QoSProfile(

@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 _LAST_ANSWERS = 0.5
-"""Time for requests of results to come and results to leave before a server is destroyed [s]."""
+"""Time to receive requests for results and send results before a server is destroyed [s]."""
 
 _LOOK_EVERY = 0.5
-"""Time between two looks at whether clients are still there [s]."""
+"""Interval between checks for clients [s]."""
 
 _FEEDBACK = "/_action/feedback"
 
@@ -38,13 +38,13 @@ class _Types:
 
 
 class Server:
-    """An action on the graph.
+    """Server of an action on the graph.
 
     Args:
-        transport: Of which node.
+        transport: Transport of the node.
         name: Name of the action.
-        type_name: Its type.
-        server: What it does.
+        type_name: Type of the action.
+        server: Server that executes goals.
     """
 
     def __init__(self, transport: RclpyTransport, name: str, type_name: str, server: ActionServer) -> None:
@@ -68,10 +68,10 @@ class Server:
         self._timer = transport.node.create_timer(_LOOK_EVERY, self._look_for_clients, callback_group=group)
 
     def _look_for_clients(self) -> None:
-        """Cancel the goals under way where no client of the action is left in the graph, in two looks.
+        """Cancel active goals if two successive checks find no client of the action in the graph.
 
-        Each client of an action subscribes to its feedback.  DDS notices at once that a node has ended, and
-        after its lease (Fast DDS: 20 s) that it was lost.
+        Each client of an action subscribes to its feedback.  DDS detects the regular end of a node at once,
+        and its loss after its lease (Fast DDS: 20 s).
         """
         with self._lock:
             goals = [goal for goal in self._goals.values() if not goal.status.terminal]
@@ -84,7 +84,7 @@ class Server:
                 self._server.on_cancel(goal)
 
     def close(self) -> None:
-        """Abort goals under way and offer the action no more."""
+        """Abort active goals and withdraw the action."""
         self.closed = True
         with self._lock:
             goals = list(self._goals.values())
@@ -108,7 +108,7 @@ class Server:
         return GoalResponse.REJECT
 
     def _begin(self, handle: Any) -> None:
-        self._goal(handle).begin()  # `close` ends accepted goals too, whose execution has not begun
+        self._goal(handle).begin()  # `close` also ends accepted goals whose execution has not begun
 
     def _cancel(self, handle: Any) -> Any:
         from rclpy.action import CancelResponse
@@ -149,10 +149,10 @@ class ExecutedGoal(ServerGoal):
     """A goal of a `Server`.
 
     Attributes:
-        announced: Whether the server is examining a cancel request, or has accepted it.
-        lost: Whether its client is gone, which cancels it.
-        returned: Set when its execution has returned.
-        ros_result: The result, as rclpy's message.
+        announced: Whether the server is examining a cancel request, or has accepted one.
+        lost: Whether its client is gone, which cancels the goal.
+        returned: Event that is set when the execution has returned.
+        ros_result: Result as an rclpy message.
     """
 
     def __init__(self, server: Server, goal_id: bytes, handle: Any) -> None:
@@ -173,7 +173,7 @@ class ExecutedGoal(ServerGoal):
         return self._closing or self.lost or bool(self._handle.is_cancel_requested)
 
     def publish_feedback(self, feedback: Any) -> None:
-        """Send feedback to the client; nothing after the goal's end."""
+        """Send feedback to the client, unless the goal has ended."""
         types = self._server.types
         check_message(feedback, types.feedback.kind)
         if self._ended.terminal:
@@ -189,17 +189,17 @@ class ExecutedGoal(ServerGoal):
         self._end(GoalStatus.ABORTED, result)
 
     def canceled(self, result: Any) -> None:
-        """End the goal as canceled; one without a client as failed, which rclpy needs no request for."""
+        """End the goal as canceled; a goal without a client as failed, which needs no request in rclpy."""
         if self.lost:
             self._end(GoalStatus.ABORTED, result)
             return
         until = time.monotonic() + SERVER_WAIT
         while self.announced and not self._handle.is_cancel_requested and time.monotonic() < until:
-            time.sleep(0.001)  # the request was accepted, rclpy notes it after the callback
+            time.sleep(0.001)  # the request was accepted; rclpy records it after the callback
         self._end(GoalStatus.CANCELED, result)
 
     def begin(self) -> None:
-        """Have the goal executed; ROS aborts none that has not begun."""
+        """Start the execution of the goal; ROS cannot abort a goal before that."""
         with self._lock:
             self._begun = True
             self._handle.execute()
@@ -207,7 +207,7 @@ class ExecutedGoal(ServerGoal):
             self.close()
 
     def close(self) -> None:
-        """Abort the goal if it is under way, or as it begins."""
+        """Abort the goal if it is active, or when it begins."""
         with self._lock:
             self._closing = True
             if self._begun and not self._ended.terminal:
@@ -234,12 +234,12 @@ class ExecutedGoal(ServerGoal):
 
 
 class Client:
-    """Sends goals to an action.
+    """Client that sends goals to an action.
 
     Args:
-        transport: Of which node.
+        transport: Transport of the node.
         name: Name of the action.
-        type_name: Its type.
+        type_name: Type of the action.
     """
 
     def __init__(self, transport: RclpyTransport, name: str, type_name: str) -> None:
@@ -278,7 +278,7 @@ class Client:
         return sent
 
     def close(self) -> None:
-        """End it; goals under way get no result."""
+        """End the client; active goals get no result."""
         for goal in self._goals:
             goal.lose()
         self._made.destroy()
@@ -304,11 +304,11 @@ class RclpyGoal(GoalHandle):
 
     @property
     def done(self) -> bool:
-        """Whether the result is there."""
+        """Whether the goal has a result, or was not accepted."""
         return self._ended.is_set() or not self.accepted
 
     def cancel(self, timeout: float = SERVER_WAIT) -> bool:
-        """Request the end of the goal."""
+        """Request to cancel the goal; return whether the server accepts the request."""
         if self.done:
             return False
         future = self._handle.cancel_goal_async()
@@ -327,7 +327,7 @@ class RclpyGoal(GoalHandle):
         return self._result
 
     def lose(self) -> None:
-        """End it without a result."""
+        """End the goal without a result."""
         self._ended.set()
 
     def _finish(self, future: Any) -> None:
@@ -339,11 +339,11 @@ class RclpyGoal(GoalHandle):
 
 
 def wait(future: Any, timeout: float | None) -> bool:
-    """Wait for a future of rclpy on another thread than its executor's; return whether it is done.
+    """Wait for an rclpy future on a thread other than its executor's; return whether it is done.
 
     Args:
         future: The future.
-        timeout: Longest time [s]; any if None.
+        timeout: Maximum time [s]; unlimited if None.
     """
     done = threading.Event()
     future.add_done_callback(lambda _: done.set())

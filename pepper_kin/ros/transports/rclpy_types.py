@@ -1,8 +1,8 @@
-"""Messages of rclpy: their classes, and conversion to ours and back through bytes.
+"""Message classes of rclpy, and conversion to and from this package's messages through bytes.
 
-Distributions of ROS 2 differ in some types: FollowJointTrajectory's feedback has an index since 2025.  Where
-the class that is installed has other fields than ours, fields of the same name are copied and others have
-their defaults.
+Distributions of ROS 2 differ in some types: FollowJointTrajectory's feedback has an index since 2025.  If the
+installed class has other fields than this package's, fields of the same name are copied and others have their
+defaults.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ def ros_class(type_name: str) -> Any:
     """Return rclpy's class of a message, a service or an action.
 
     Args:
-        type_name: Full name; of parts as well, such as `std_srvs/srv/Trigger_Request`.
+        type_name: Full name of the type, or of a part such as `std_srvs/srv/Trigger_Request`.
 
     Raises:
-        MissingDependencyError: where the package of the type is not installed.
-        TransportError: where the installed package does not have it.
+        MissingDependencyError: if the package of the type is not installed.
+        TransportError: if the installed package does not have the type.
     """
     package, kind, name = type_name.split("/")
     command = f"sudo apt install ros-$ROS_DISTRO-{package.replace('_', '-')}"
@@ -54,13 +54,13 @@ def ros_class(type_name: str) -> Any:
 
 
 class Converter:
-    """Converts between rclpy's class of a type and ours.
+    """Converter between rclpy's class of a type and this package's.
 
     Args:
-        type_name: Full name.
+        type_name: Full name of the type.
 
     Attributes:
-        kind: Our class.
+        kind: This package's class.
         ros: rclpy's class.
     """
 
@@ -75,35 +75,35 @@ class Converter:
         self._foreign = library_type(self.kind.type_name, library)
 
     def to_bytes(self, message: Message) -> bytes:
-        """Return one of our messages as bytes of the type that is installed.
+        """Return this package's message as bytes of the installed type.
 
         Raises:
-            InvalidValueError: naming the field, for a value that the type cannot hold.
+            InvalidValueError: naming the field, for a value that the type cannot represent.
         """
         same = self._foreign is self.kind
         return encode(message if same else copied(message, self._foreign))
 
     def from_bytes(self, data: bytes) -> Message:
-        """Return our message from bytes of the type that is installed.
+        """Return this package's message from bytes of the installed type.
 
         Raises:
-            MessageError: for bytes that do not hold one.
+            MessageError: for bytes that are not a message of the type.
         """
         message = decode(self._foreign, data)
         return message if self._foreign is self.kind else copied(message, self.kind)
 
     def to_ros(self, message: Message) -> Any:
-        """Return rclpy's message from ours; raises as `to_bytes`."""
+        """Return rclpy's message from this package's; raises InvalidValueError as `to_bytes` does."""
         return self._deserialize(self.to_bytes(message), self.ros)
 
     def from_ros(self, message: Any) -> Message:
-        """Return our message from rclpy's."""
+        """Return this package's message from rclpy's."""
         return self.from_bytes(self._serialize(message))
 
 
 @cache
 def converter(type_name: str) -> Converter:
-    """Return the converter of a message type; raises as `ros_class`."""
+    """Return the converter of a message type; raises the errors of `ros_class`."""
     return Converter(type_name)
 
 
@@ -131,7 +131,7 @@ def copied(message: Message, kind: type[Message]) -> Message:
 
 
 def _describe(type_name: str, found: Any, library: dict[str, Definition]) -> None:
-    """Add the definitions of a type, and of all types within it, as rclpy's classes describe them."""
+    """Add the definitions of a type and of its nested types to a library, from rclpy's classes."""
     fields = tuple(_field(name, text) for name, text in found.get_fields_and_field_types().items())
     library[type_name] = Definition(type_name, fields, {})
     for field in fields:
@@ -140,7 +140,7 @@ def _describe(type_name: str, found: Any, library: dict[str, Definition]) -> Non
 
 
 def _field(name: str, text: str) -> Field:
-    """Return a field from rclpy's words for its type: "sequence<double, 3>", "string<256>", "uint8[16]"."""
+    """Return a field from rclpy's text for its type: "sequence<double, 3>", "string<256>", "uint8[16]"."""
     array, length = None, 0
     if text.startswith("sequence<"):
         text = text[len("sequence<") : -1]

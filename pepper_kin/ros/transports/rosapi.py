@@ -1,4 +1,4 @@
-"""The essential services of rosapi: what topics, services and actions there are, and of which types."""
+"""Essential services of rosapi: lists of topics, services and actions with their types."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from pepper_kin.ros.transports.local import LocalTransport
 from pepper_kin.ros_messages import message_type
 
 NODE = "/pepper_kin"
-"""Name of the one node that is listed."""
+"""Name of the only node that is listed."""
 
 
 def answer_rosapi(transport: LocalTransport, name: str, values: Any) -> dict[str, Any] | None:
-    """Return the values that a service of rosapi answers, or None for another service.
+    """Return the response values of a rosapi service, or None for another service.
 
     Args:
-        transport: What there is.
-        name: Of the service, such as "/rosapi/topics".
+        transport: Transport whose topics, services and actions are listed.
+        name: Name of the service, such as "/rosapi/topics".
         values: Arguments by name.
 
     Raises:
-        TransportError: for a topic or a service that there is not.
+        TransportError: for an unknown topic or service.
         UnknownNameError: for an unknown type.
     """
     answer = _ANSWERS.get(name.removeprefix("/rosapi/")) if name.startswith("/rosapi/") else None
@@ -54,6 +54,7 @@ def _node_details(transport: LocalTransport, _: dict[str, Any]) -> dict[str, Any
 
 
 def _message_details(_: LocalTransport, values: dict[str, Any]) -> dict[str, Any]:
+    """Return the definitions of a message type and of its nested types, as rosapi describes them."""
     found: dict[str, dict[str, Any]] = {}
     waiting = [message_type(str(values.get("type")))]
     while waiting:
@@ -95,4 +96,4 @@ _ANSWERS: dict[str, Callable[[LocalTransport, dict[str, Any]], dict[str, Any]]] 
     "get_time": _time,
     "get_ros_version": lambda _, __: {"version": 2, "distro": "kilted"},
 }
-"""Name of a service -> what answers it."""
+"""Name of a service -> function that answers it."""

@@ -1,4 +1,4 @@
-"""The rosbridge server: JSON over web sockets, for roslibpy, roslib and other clients."""
+"""Rosbridge server: JSON over web sockets, for roslibpy, roslib and other clients."""
 
 from __future__ import annotations
 
@@ -21,30 +21,30 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 DEFAULT_PORT = 9090
-"""Where rosbridge servers listen."""
+"""Default TCP port of rosbridge servers."""
 
 END_SECONDS = 5.0
-"""What is under way when the server ends is waited for no longer [s]."""
+"""Maximum time that the server waits for open work when it ends [s]."""
 
 RISK = "others could move the robot, plan on this machine, and see what its cameras see"
 
 
 class RosbridgeServer(LocalTransport):
-    """Topics, services and actions of this program for rosbridge clients, and theirs for this program.
+    """Server that shares topics, services and actions between this program and rosbridge clients.
 
     Args:
-        host: Where to listen.
-        port: Where to listen; 0 for any free port.
-        allow_remote: Whether the host may be one that other machines reach; the address has a token then.
-        token: The token; None draws one where others can reach the server, and leaves it out elsewhere.
+        host: Host name or address on which to listen.
+        port: TCP port on which to listen; 0 for any free port.
+        allow_remote: Whether other machines may reach the host; the address has a token then.
+        token: The token; None draws one if other machines can reach the server, else uses none.
 
     Attributes:
-        access: Who may connect.
-        port: Where it listens.
+        access: Rules for connections.
+        port: TCP port on which the server listens.
 
     Raises:
-        InvalidValueError: for a port that is none, or a host beyond loopback without `allow_remote`.
-        InfeasibleError: where the port is taken.
+        InvalidValueError: for an invalid port, or a host beyond loopback without `allow_remote`.
+        InfeasibleError: if the port is in use.
     """
 
     def __init__(
@@ -69,12 +69,12 @@ class RosbridgeServer(LocalTransport):
 
     @property
     def url(self) -> str:
-        """Where clients connect, with the token where one is needed."""
+        """URL for clients, with the token if one is needed."""
         token = "" if self.access.token is None else f"?token={self.access.token}"
         return f"ws://{self.access.shown_host}:{self.port}/{token}"
 
     def close(self) -> None:
-        """End the server and all that is open."""
+        """End the server and close all open parts."""
         if self._thread.is_alive():
             super().close()
             self._loop.call_soon_threadsafe(self._stop.set)
@@ -107,14 +107,14 @@ class RosbridgeServer(LocalTransport):
             await asyncio.wait(others, timeout=END_SECONDS)
 
     def fault(self, host: str | None, origin: str | None, token: str | None) -> str | None:
-        """Say why a connection is refused, or None where it is not.
+        """Return why a connection is refused, or None if it is accepted.
 
-        Pages may come from any port of this machine, as pages for robots do; others only from this server.
+        Web pages may come from any port of this machine, as pages for robots do; others from this server.
 
         Args:
-            host: The header `Host`.
-            origin: The header `Origin`, None where there is none.
-            token: The token that it carries, None where there is none.
+            host: Header `Host` of the request.
+            origin: Header `Origin` of the request, None if missing.
+            token: Token of the request, None if missing.
         """
         try:
             local = origin is not None and is_loopback(urlsplit(origin).hostname or "?")

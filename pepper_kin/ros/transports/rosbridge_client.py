@@ -1,4 +1,4 @@
-"""The rosbridge client: topics, services and actions of a robot or a simulator that serves rosbridge."""
+"""Rosbridge client: topics, services and actions of a robot or a simulator that serves rosbridge."""
 
 from __future__ import annotations
 
@@ -33,18 +33,18 @@ from pepper_kin.ros_messages import action_type, message_type, service_type
 logger = logging.getLogger(__name__)
 
 PING_SECONDS, PONG_SECONDS = 2.0, 2.0
-"""The server is asked for a sign of life this often, and is gone without one after this time [s]."""
+"""Interval of pings to the server, and time without a pong after which the connection is lost [s]."""
 
 
 class RosbridgeClient(GraphTransport):
     """A connection to a rosbridge server, ours or rosbridge_suite's.
 
     Args:
-        url: Such as "ws://127.0.0.1:9090".
-        timeout: Time to connect [s].
+        url: Address of the server, such as "ws://127.0.0.1:9090".
+        timeout: Maximum time to connect [s].
 
     Raises:
-        TransportError: where nobody answers there, or the server refuses.
+        TransportError: if no server answers, or the server refuses.
     """
 
     def __init__(self, url: str, timeout: float = SERVER_WAIT) -> None:
@@ -69,7 +69,7 @@ class RosbridgeClient(GraphTransport):
 
     @property
     def connected(self) -> bool:
-        """Whether the connection stands."""
+        """Whether the client is connected."""
         return self._socket is not None and not self.closed
 
     def on_lost(self, callback: Callable[[], object]) -> None:
@@ -111,7 +111,7 @@ class RosbridgeClient(GraphTransport):
             self._take(text)
 
     def _lost(self) -> None:
-        """Release all who wait."""
+        """End all pending answers and goals, and call the callbacks for a lost connection."""
         was_open, self._socket = self._socket is not None and not self.closed, None
         with self.lock:
             answers, goals = list(self._answers.values()), list(self._goals.values())
@@ -125,7 +125,7 @@ class RosbridgeClient(GraphTransport):
                 callback()
 
     def check_open(self, name: str) -> None:
-        """Refuse what is asked where the connection is lost or closed; see `GraphTransport.check_open`."""
+        """Refuse the use of a lost or closed connection; see `GraphTransport.check_open`."""
         if not self.connected:
             raise TransportError(self.url, "the connection is closed; connect again")
 
@@ -133,7 +133,7 @@ class RosbridgeClient(GraphTransport):
         """Send a message of the protocol; from any thread.
 
         Raises:
-            TransportError: where the connection is lost or closed.
+            TransportError: if the connection is lost or closed.
         """
         text = text_of(message)
         self.check_open(self.url)
@@ -167,7 +167,7 @@ class RosbridgeClient(GraphTransport):
         except Exception:
             logger.exception("%s: a message could not be handled", self.url)
 
-    # What arrives.
+    # Handlers of received messages.
 
     def _on_publish(self, message: dict[str, Any]) -> None:
         with self.lock:
@@ -343,7 +343,7 @@ class RosbridgeClient(GraphTransport):
         feedback_callback: Callable[[Any], None] | None = None,
         timeout: float = SERVER_WAIT,
     ) -> GoalHandle:
-        """Send a goal; the protocol does not say when it is accepted, so `accepted` is True until refused."""
+        """Send a goal; the protocol does not report acceptance, so `accepted` is True until it is refused."""
         made = RosbridgeGoal(self, name, type_name, feedback_callback)
         with self.lock:
             self._goals[made.identifier] = made
@@ -362,7 +362,7 @@ class _RosbridgePublisher(OpenPart, Publisher):
 
     @property
     def subscription_count(self) -> int:
-        """Always 1: the protocol does not say who listens."""
+        """Always 1: the protocol does not report subscriptions."""
         return 1
 
     def publish(self, message: Any) -> None:
@@ -377,7 +377,7 @@ class _RosbridgePublisher(OpenPart, Publisher):
 
 
 class _Heard(OpenPart):
-    """A subscription: messages are called back on a separate thread."""
+    """A subscription that calls back with messages on a separate thread."""
 
     def __init__(
         self, client: RosbridgeClient, topic: str, kind: Any, qos: QoS, callback: Callable[[Any], None]
@@ -395,7 +395,7 @@ class _Heard(OpenPart):
 
 
 def _logged(call: Callable[[Any], object], value: Any) -> None:
-    """Call, and log what that raises."""
+    """Call a function and log its exception."""
     try:
         call(value)
     except PepperKinError as error:

@@ -1,4 +1,4 @@
-"""Texts of the rosbridge protocol: size limits, fragments, and pictures as compression."""
+"""Texts of the rosbridge protocol: size limits, fragments, and compression as a picture."""
 
 from __future__ import annotations
 
@@ -13,27 +13,27 @@ from typing import Any
 from pepper_kin.exceptions import PepperKinError, shortened
 
 LARGEST_TEXT = 16_000_000
-"""Most characters of one message, also one put together from fragments."""
+"""Maximum number of characters of one message, also when assembled from fragments."""
 
 MOST_FRAGMENTS = 10_000
-"""Most fragments of one message."""
+"""Maximum number of fragments of one message."""
 
 OPEN_MESSAGES = 16
-"""Messages of which fragments may be waiting at a time."""
+"""Maximum number of incomplete messages at a time."""
 
 FRAGMENT_TIMEOUT = 30.0
-"""Fragments of an incomplete message are forgotten after this time [s]."""
+"""Time after which fragments of an incomplete message are dropped [s]."""
 
 
 class ProtocolError(PepperKinError):
-    """A text that is not a message of the protocol."""
+    """Error for a text that is not a message of the protocol."""
 
     def __init__(self, reason: str) -> None:
         super().__init__(reason)
 
 
 def parse(text: str | bytes) -> dict[str, Any]:
-    """Return the object that a text holds.
+    """Return the JSON object of a text.
 
     Raises:
         ProtocolError: for a text that is not a JSON object with an `op`, or is too long.
@@ -80,10 +80,10 @@ class Fragments:
         self._open: dict[str, tuple[float, dict[int, str], int]] = {}
 
     def add(self, message: dict[str, Any]) -> str | None:
-        """Take a message `fragment`; return the whole text once all have come.
+        """Add a message `fragment`; return the whole text once all fragments have arrived.
 
         Raises:
-            ProtocolError: for numbers that do not fit together, or too much.
+            ProtocolError: for inconsistent numbers, or above a limit.
         """
         identifier, data = message.get("id"), message.get("data")
         number, total = message.get("num"), message.get("total")

@@ -1,4 +1,4 @@
-"""Messages to be sent to one rosbridge client: bounded, throttled, the oldest of a topic dropped first."""
+"""Outgoing messages for one rosbridge client: bounded, throttled, the oldest of a topic dropped first."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from typing import Any
 from pepper_kin.ros.transports.rosbridge_json import fragments_of, png_of, text_of
 
 QUEUE = 100
-"""Messages of a subscription that wait where the client states no `queue_length`."""
+"""Maximum number of waiting messages of a subscription without a `queue_length`."""
 
 MOST_ANSWERS = 5_000
-"""Answers that wait; a client that reads none of them is disconnected."""
+"""Maximum number of waiting answers, above which the client is disconnected."""
 
 _numbers = itertools.count(1)
 
@@ -24,8 +24,8 @@ class Outgoing:
     """One subscription of a client.
 
     Args:
-        topic: Its name.
-        identifier: The client's name for it.
+        topic: Name of the topic.
+        identifier: Identifier of the subscription by the client.
         options: `throttle_rate` [ms], `queue_length`, `fragment_size` [characters], `compression`.
     """
 
@@ -38,7 +38,7 @@ class Outgoing:
         self.due = 0.0
 
     def add(self, text: str) -> None:
-        """Queue a text, unless it is throttled and nothing is to be queued."""
+        """Queue a text, unless it is throttled and the client wants no queue."""
         if self._drops and time.monotonic() < self.due:
             return
         self._waiting.append(text)
@@ -46,7 +46,7 @@ class Outgoing:
             self.due = time.monotonic() + self.interval
 
     def take(self, now: float) -> str | None:
-        """Return a text that may be sent now, on a monotonic clock [s]."""
+        """Remove and return a text that may be sent at a time on a monotonic clock [s], or None."""
         if not self._waiting or (now < self.due and not self._drops):
             return None
         if not self._drops:
@@ -55,11 +55,11 @@ class Outgoing:
 
     @property
     def waits(self) -> bool:
-        """Whether something is queued."""
+        """Whether a text is queued."""
         return bool(self._waiting)
 
     def texts(self, text: str) -> list[str]:
-        """Return a text as it is sent: compressed, in fragments."""
+        """Return the texts that are sent for a text: compressed, in fragments."""
         if self.compression == "png":
             text = text_of({"op": "png", "data": png_of(text)})
         size = self.fragment_size
@@ -72,8 +72,8 @@ class Outbox:
     """Answers and messages for one client; used from the event loop only.
 
     Args:
-        write: Sends a text, and returns when the socket has taken it.
-        overflow: Called where a client does not read.
+        write: Function that sends a text, and returns when the socket has taken it.
+        overflow: Function that is called if the client does not read.
     """
 
     def __init__(self, write: Callable[[str], Any], overflow: Callable[[], None]) -> None:
@@ -83,21 +83,21 @@ class Outbox:
         self._changed = asyncio.Event()
 
     def answer(self, message: dict[str, Any] | str) -> None:
-        """Queue an answer, an object or its text; these are never dropped."""
+        """Queue an answer, an object or its text; answers are never dropped."""
         self._answers.append(message if isinstance(message, str) else text_of(message))
         if len(self._answers) > MOST_ANSWERS:
             self._overflow()
         self._changed.set()
 
     def wake(self) -> None:
-        """Look for something to send."""
+        """Wake the sender."""
         self._changed.set()
 
     async def run(self) -> None:
         """Send until canceled, or until the socket is closed."""
         while True:
             wait = await self._send_all()
-            # Not by `asyncio.wait_for`: until Python 3.12 it may swallow that the task is canceled.
+            # `asyncio.wait_for` is not used: before Python 3.12 it may swallow the task's cancellation.
             alarm = None
             if wait is not None:
                 alarm = asyncio.get_running_loop().call_later(wait, self._changed.set)
@@ -108,7 +108,7 @@ class Outbox:
                     alarm.cancel()
 
     async def _send_all(self) -> float | None:
-        """Send what may be sent; return the time until a throttled message may [s]."""
+        """Send all messages that are due; return the time until a throttled one is due [s]."""
         sent = True
         while sent:
             self._changed.clear()

@@ -25,10 +25,10 @@ if TYPE_CHECKING:
 
 
 class PendingAnswer:
-    """An answer that somebody waits for.
+    """Pending answer to a call.
 
     Args:
-        identifier: Of the call.
+        identifier: Identifier of the call.
     """
 
     def __init__(self, identifier: str) -> None:
@@ -37,12 +37,12 @@ class PendingAnswer:
         self._values: dict[str, Any] = {}
 
     def succeed(self, values: dict[str, Any]) -> None:
-        """Take the answer."""
+        """Store the answer."""
         self._values = values
         self._done.set()
 
     def fail(self, reason: str) -> None:
-        """Take the reason for which there is none."""
+        """Store the reason for which there is no answer."""
         self._error = reason
         self._done.set()
 
@@ -50,8 +50,8 @@ class PendingAnswer:
         """Return the answer.
 
         Args:
-            name: Of the service, for the message.
-            timeout: Time to wait [s].
+            name: Name of the service, for the message.
+            timeout: Maximum time to wait [s].
 
         Raises:
             TransportError: without an answer within the time.
@@ -62,7 +62,7 @@ class PendingAnswer:
 
 
 class RosbridgeGoal(GoalHandle):
-    """A goal that was sent."""
+    """A goal that was sent to a rosbridge server."""
 
     def __init__(
         self, client: RosbridgeClient, name: str, type_name: str, on_feedback: Callable[[Any], None] | None
@@ -75,22 +75,22 @@ class RosbridgeGoal(GoalHandle):
         self._reason = ""
 
     def end(self, status: GoalStatus, result: Any) -> None:
-        """Take the result."""
+        """Store the result."""
         self._result = GoalResult(status, result)
         self._ended.set()
 
     def refuse(self, reason: str) -> None:
-        """Take the reason for which the goal did not begin."""
+        """Store the reason for which the goal did not begin."""
         self.accepted, self._reason = False, reason
         self._ended.set()
 
     @property
     def done(self) -> bool:
-        """Whether the result is there."""
+        """Whether the goal has a result, or was refused."""
         return self._ended.is_set()
 
     def cancel(self, timeout: float = SERVER_WAIT) -> bool:
-        """Request the end of the goal; the protocol has no answer to that but the result."""
+        """Request to cancel the goal; the protocol answers only with the result."""
         if self.done:
             return False
         self._client.send({"op": "cancel_action_goal", "action": self.name, "id": self.identifier})
@@ -114,17 +114,17 @@ class RemoteAction(ActionServer):
         self._goals: dict[str, tuple[ServerGoal, threading.Event]] = {}
 
     def on_goal(self, goal: Any) -> bool:
-        """Accept: the client cannot refuse before it begins."""
+        """Accept a goal: the client cannot refuse before the goal begins."""
         return not self._session.ended
 
     def on_cancel(self, goal: ServerGoal) -> bool:
-        """Pass the request on."""
+        """Pass the request to the client."""
         request = {"op": "cancel_action_goal", "action": self._name, "id": goal.goal_id.hex()}
         self._session.send(request)
         return True
 
     def execute(self, goal: ServerGoal) -> None:
-        """Pass the goal on, and wait for its result."""
+        """Pass the goal to the client, and wait for its result."""
         ended = threading.Event()
         key = goal.goal_id.hex()
         self._goals[key] = goal, ended
@@ -136,12 +136,12 @@ class RemoteAction(ActionServer):
         self._goals.pop(key, None)
 
     def feedback(self, key: str, values: dict[str, Any]) -> None:
-        """Take feedback of the client."""
+        """Publish feedback of the client."""
         if key in self._goals:
             self._goals[key][0].publish_feedback(self._kind.feedback.from_dict(values))
 
     def end(self, key: str, status: int, values: dict[str, Any]) -> None:
-        """Take a result of the client."""
+        """End a goal with a result of the client."""
         if key not in self._goals:
             raise ProtocolError("action_result: no goal with this id is under way")
         goal, ended = self._goals[key]
@@ -155,6 +155,6 @@ class RemoteAction(ActionServer):
         ended.set()
 
     def lose(self) -> None:
-        """End all goals: the client has gone; they are aborted."""
+        """Abort all goals after the loss of the client."""
         for _, ended in tuple(self._goals.values()):
             ended.set()

@@ -1,4 +1,4 @@
-"""One client of the rosbridge server: the operations of the protocol (version 2.1), one method each."""
+"""Session of a rosbridge client: the operations of the protocol (version 2.1), one method each."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ from pepper_kin.ros_messages.json_text import to_json
 logger = logging.getLogger(__name__)
 
 SERVICE_TIMEOUT = 10.0
-"""A client's service answers within this [s]."""
+"""Maximum time in which a client's service must answer [s]."""
 
 MOST_ENTRIES = 1_000
-"""Topics, subscriptions, services, actions or goals that a client may have open, each."""
+"""Maximum number of open topics, subscriptions, services, actions and goals of a client, each."""
 
 LEVELS = ("none", "error", "warning", "info")
 
@@ -46,7 +46,7 @@ def entry(message: dict[str, Any], name: str, kind: type, default: Any = ...) ->
     """Return a field of a message of the protocol.
 
     Raises:
-        ProtocolError: where it is missing without a default, or of another type.
+        ProtocolError: if it is missing without a default, or of another type.
     """
     value = message.get(name)
     if value is None:
@@ -59,11 +59,11 @@ def entry(message: dict[str, Any], name: str, kind: type, default: Any = ...) ->
 
 
 class RosbridgeSession:
-    """What one client has open.
+    """Session of one client, with its open parts.
 
     Args:
-        transport: The topics, services and actions that it sees.
-        outbox: What is sent to it.
+        transport: Transport whose topics, services and actions the client uses.
+        outbox: Messages to the client.
         loop: The event loop that calls the session.
         executor: Threads for services.
     """
@@ -88,7 +88,7 @@ class RosbridgeSession:
         self.ended = False
 
     def take(self, text: str | bytes) -> None:
-        """Do what a text says; errors are answered with a `status`."""
+        """Execute the operation of a text; errors are answered with a `status`."""
         identifier = None
         try:
             message = parse(text)
@@ -101,13 +101,13 @@ class RosbridgeSession:
         except PepperKinError as error:
             self.faults += 1
             self.report("error", str(error), identifier)
-        except Exception as error:  # a fault of the server: the client hears of it, and the server goes on
+        except Exception as error:  # a fault of the server, reported to the client
             self.faults += 1
             logger.exception("rosbridge: a message could not be handled")
             self.report("error", f"the server failed: {error}", identifier)
 
     def report(self, level: str, text: str, identifier: str | None = None) -> None:
-        """Send a `status`, if the client wants to hear of this level."""
+        """Send a `status`, if the client's level includes it."""
         if LEVELS.index(level) <= self._level:
             status = {"op": "status", "level": level, "msg": _cut(text)}
             self.outbox.answer(status if identifier is None else {**status, "id": identifier})
@@ -116,14 +116,14 @@ class RosbridgeSession:
         """Send an answer; from any thread.
 
         Raises:
-            ValueError: for values that JSON cannot hold; here, where somebody can still answer otherwise.
+            ValueError: for values that JSON cannot represent; raised here, so that the caller can answer.
         """
         text = message if isinstance(message, str) else text_of(message)
         if not self.ended:
             self._loop.call_soon_threadsafe(self.outbox.answer, text)
 
     def close(self) -> None:
-        """End all that the client has open: its goals are canceled, what it offers is withdrawn."""
+        """End the session: goals are canceled, and topics, services and actions withdrawn."""
         self.ended = True
         for goal in tuple(self._goals.values()):
             logger.warning("rosbridge: connection lost, goal of %s canceled", goal.action.name)
@@ -168,7 +168,7 @@ class RosbridgeSession:
         if publisher is None:
             self._limit(self._publishers, "topics")
             topic = self.transport.topic(name, entry(message, "type", str, None))
-            made = topic.kind.from_dict(values)  # nothing is advertised for a message that is none
+            made = topic.kind.from_dict(values)  # an invalid message advertises nothing
             publisher = self._publishers[name] = LocalPublisher(self.transport, topic, RELIABLE)
         else:
             made = publisher.topic.kind.from_dict(values)
@@ -196,10 +196,10 @@ class RosbridgeSession:
         self._heard[name, identifier] = (outgoing, taken)
 
     def _sender(self, topic: Topic, outgoing: Outgoing) -> Callable[[Any], None]:
-        """Return what takes messages of a topic, on any thread.
+        """Return a callback that queues messages of a topic, on any thread.
 
-        The event loop is woken once for all messages that come before it runs: each time costs a system call,
-        during which other threads take the interpreter from the cycle of the robot.
+        The event loop is woken once for all messages that arrive before it runs: each wake-up costs a system
+        call, during which other threads may delay the control cycle of the robot.
         """
 
         def take(message: Any) -> None:
@@ -213,8 +213,8 @@ class RosbridgeSession:
         return take
 
     def _hand_over(self) -> None:
-        """Give the messages that have come to their subscriptions; on the event loop."""
-        self._woken = False  # first, so that a message that comes from now on wakes the loop again
+        """Pass queued messages to their subscriptions; on the event loop."""
+        self._woken = False  # first, so that a later message wakes the loop again
         while self._queued:
             outgoing, text = self._queued.popleft()
             outgoing.add(text)
@@ -375,7 +375,7 @@ class RosbridgeSession:
             raise ProtocolError(f"{message['op']}: {shortened(name)!r} was not advertised")
         return self._actions[name][1]
 
-    # The rest.
+    # Other operations.
 
     def _fragment(self, message: dict[str, Any]) -> None:
         whole = self._fragments.add(message)
@@ -396,7 +396,7 @@ class RosbridgeSession:
 
 
 def encoded(transport: LocalTransport, topic: Topic, message: Any) -> str:
-    """Return the `publish` of a message, written once for all clients, its content once for all topics."""
+    """Return the `publish` text of a message, encoded once for all clients, its content for all topics."""
     known, text = topic.encoded
     if known is not message:
         written, content = transport.written
@@ -415,7 +415,7 @@ def _refused(common: dict[str, Any], reason: str) -> dict[str, Any]:
 
 
 def _cut(text: object) -> str:
-    """Return a text of 500 characters at most."""
+    """Return the first 500 characters of a text."""
     return str(text)[:500]
 
 
@@ -428,4 +428,4 @@ _OPERATIONS: dict[str, Callable[[RosbridgeSession, dict[str, Any]], None]] = {
         "_action_result", "_fragment", "_set_level", "_status",
     )
 }  # fmt: skip
-"""Name of an operation -> the method that does it."""
+"""Name of an operation -> method that executes it."""

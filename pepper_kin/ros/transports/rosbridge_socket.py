@@ -20,14 +20,14 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 PING_SECONDS, PONG_SECONDS = 2.0, 2.0
-"""A client is asked for a sign of life this often, and is gone without one after this time [s]."""
+"""Interval of pings to a client, and time without a pong after which it is disconnected [s]."""
 
 MOST_PER_SECOND, AT_ONCE = 5_000.0, 10_000.0
-"""Messages of a client that are read in a second, and at once after a pause; then its socket waits."""
+"""Maximum rate of messages read from a client [1/s], and maximum number at once; then its socket waits."""
 
 
 def application(server: RosbridgeServer) -> tornado.web.Application:
-    """Return the application: a socket at every path, as rosbridge servers have it."""
+    """Return the application: a socket at every path, like rosbridge servers."""
     return tornado.web.Application(
         [(".*", ClientSocket, {"server": server})],
         websocket_ping_interval=PING_SECONDS,
@@ -41,14 +41,14 @@ class ClientSocket(tornado.websocket.WebSocketHandler):
     """The socket of one client."""
 
     def initialize(self, server: RosbridgeServer) -> None:
-        """Take what the application hands to every handler."""
+        """Store the server, which the application passes to every handler."""
         self._server = server
         self._session: RosbridgeSession | None = None
         self._allowance = Allowance()
         self._sending: asyncio.Task[None] | None = None
 
     def check_origin(self, origin: str) -> bool:
-        """Whether a page may connect; the gate has asked already."""
+        """Return True: the gate has checked the page already."""
         return True
 
     def open(self, *args: str, **kwargs: str) -> None:
@@ -61,7 +61,7 @@ class ClientSocket(tornado.websocket.WebSocketHandler):
         self._sending = asyncio.ensure_future(self._send_all(outbox))
 
     async def on_message(self, message: str | bytes) -> None:
-        """Do what the client sends; one that sends too much waits."""
+        """Execute a message of the client; a client that sends too much waits."""
         if self._session is not None:
             self._session.take(message)
         wait = self._allowance.wait()
@@ -80,7 +80,7 @@ class ClientSocket(tornado.websocket.WebSocketHandler):
             await outbox.run()
         except tornado.websocket.WebSocketClosedError:
             return
-        except Exception:  # whoever waits for an answer that cannot be sent is to hear of it
+        except Exception:  # a client whose answer cannot be sent is disconnected
             logger.exception("rosbridge: a client could not be answered; it is disconnected")
             self.close(1011, "the server failed")
 
@@ -93,13 +93,13 @@ class ClientSocket(tornado.websocket.WebSocketHandler):
 
 
 class Allowance:
-    """How many messages of a client are read: so many a second."""
+    """Rate limit on the messages of a client."""
 
     def __init__(self) -> None:
         self._left, self._asked_at = AT_ONCE, time.monotonic()
 
     def wait(self) -> float:
-        """Take one message; return the time until the next one may be read [s]."""
+        """Count one message; return the time until the next one may be read [s]."""
         now = time.monotonic()
         self._left = min(self._left + MOST_PER_SECOND * (now - self._asked_at), AT_ONCE) - 1.0
         self._asked_at = now

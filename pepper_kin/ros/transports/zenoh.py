@@ -1,6 +1,6 @@
-"""Transport through Zenoh, as rmw_zenoh has it: topics, services and actions of the ROS graph, without ROS.
+"""Transport through Zenoh, compatible with rmw_zenoh: topics, services and actions of the ROS graph, no ROS.
 
-A node talks to others through a router.  Where none listens on this machine the first transport is one.
+Nodes communicate through a router.  If none listens on this machine, the first transport becomes one.
 
 Source: rmw_zenoh, docs/design.md: key expressions of topics and services, liveliness tokens, attachments.
 """
@@ -32,12 +32,12 @@ from pepper_kin.ros_messages.messages import check_message
 logger = logging.getLogger(__name__)
 
 ROUTER = "tcp/localhost:7447"
-"""Where rmw_zenoh's nodes look for a router."""
+"""Default endpoint of the router of rmw_zenoh's nodes."""
 
 _OWN = ("localhost", "127.0.0.1", "[::1]", "0.0.0.0", "[::]")
-_USUAL_DEPTH = 42  # of rmw_zenoh, which tokens leave out
+_USUAL_DEPTH = 42  # default depth of rmw_zenoh, which tokens omit
 _ATTACHED = struct.Struct("<qqB16s")  # number, time [ns], length of the identifier, identifier
-_AGAIN = 0.1  # time between two looks for a server [s]
+_AGAIN = 0.1  # interval between searches for a server [s]
 
 
 class ZenohTransport(GraphTransport):
@@ -45,13 +45,13 @@ class ZenohTransport(GraphTransport):
 
     Args:
         node_name: Name of the node in the ROS graph.
-        domain_id: 0 to 232; that of the variable ROS_DOMAIN_ID if omitted, else 0.
-        router: Where a router listens, such as "tcp/192.168.1.5:7447".
+        domain_id: Domain, 0 to 232; if omitted, the variable ROS_DOMAIN_ID, else 0.
+        router: Endpoint of a router, such as "tcp/192.168.1.5:7447".
 
     Raises:
-        MissingDependencyError: where `eclipse-zenoh` is not installed.
-        InvalidValueError: for another domain or a router that is no endpoint.
-        TransportError: where no router listens on another machine.
+        MissingDependencyError: if `eclipse-zenoh` is not installed.
+        InvalidValueError: for a domain out of range, or a router that is not an endpoint.
+        TransportError: if no router listens at an endpoint of another machine.
     """
 
     def __init__(
@@ -81,7 +81,7 @@ class ZenohTransport(GraphTransport):
         return self.keep(topic, lambda: ZenohSubscription(self, topic, kind, qos, callback))
 
     def second_type(self, topic: str, type_name: str) -> str:
-        """Return the topic: types are apart."""
+        """Return the topic's own name: topics of different types are separate on the graph."""
         return topic
 
     def offer_service(self, name: str, type_name: str, callback: Callable[[Any], Any]) -> Closable:
@@ -119,13 +119,13 @@ class ZenohTransport(GraphTransport):
         self._node_token.undeclare()
         self.session.close()
 
-    # For the parts.
+    # Methods for the parts of the transport.
 
     def ask(self, name: str, type_name: str, request: Any, timeout: float) -> Any:
-        """Call a service once; return its response, or None where no server is there or it has gone.
+        """Call a service once; return its response, or None if there is no server or it has gone.
 
         Raises:
-            TransportError: where the service fails, or the transport is closed.
+            TransportError: if the service fails, or the transport is closed.
         """
         zenoh, kind = self._zenoh, message_type(f"{type_name}_Response")
         check_message(request, message_type(f"{type_name}_Request"))
@@ -162,18 +162,18 @@ class ZenohTransport(GraphTransport):
         return f"{self.domain_id}/{name.strip('/')}/{_typed(type_name)}"
 
     def token(self, kind: str, name: str, type_name: str, qos: QoS) -> Any:
-        """Declare a part of the node to the graph, MP, MS, SC or SS; return what can be undeclared."""
+        """Declare a part of the node to the graph, of kind MP, MS, SC or SS; return its token."""
         depth = "" if qos.depth == _USUAL_DEPTH else str(qos.depth)
         quality = f"{'' if qos.reliable else '2'}:{'1' if qos.latched else ''}:,{depth}:,:,:,,"
         named = f"{self.node_name}/{name.replace('/', '%')}/{_typed(type_name)}/{quality}"
         return self.declare(f"{self._prefix(next(self._numbers))}/{kind}/%/%/{named}")
 
     def declare(self, token: str) -> Any:
-        """Declare a token of the graph."""
+        """Declare and return a liveliness token of the graph."""
         return self.session.liveliness().declare_token(token)
 
     def subscribers(self, topic: str) -> int:
-        """Return how many parts of the graph subscribe to a topic."""
+        """Return the number of subscriptions to a topic on the graph."""
         mangled = topic.replace("/", "%")
         pattern = f"@ros2_lv/{self.domain_id}/*/*/*/MS/*/*/*/{mangled}/**"
         return sum(
@@ -185,21 +185,21 @@ class ZenohTransport(GraphTransport):
 
 
 class _ZenohPart(OpenPart):
-    """Something on the graph that is open.
+    """An open part of the node on the graph.
 
     Args:
-        transport: Of which node.
-        kind: Of the token: MP, MS or SS.
-        name: Of the topic or service.
-        type_name: Its type.
-        qos: Its quality of service.
+        transport: Transport of the node.
+        kind: Kind of the token: MP, MS or SS.
+        name: Name of the topic or service.
+        type_name: Type of the topic or service.
+        qos: Quality of service.
     """
 
     def __init__(self, transport: ZenohTransport, kind: str, name: str, type_name: str, qos: QoS) -> None:
         super().__init__(transport, self._end)
         self.transport, self.name = transport, name
         self.key = transport.key(name, type_name)
-        self._busy = threading.Lock()  # what is used cannot be ended
+        self._busy = threading.Lock()  # a part in use cannot be ended
         self._entity = self._declared(qos)
         self._token = transport.token(kind, name, type_name, qos)
 
@@ -214,7 +214,7 @@ class _ZenohPart(OpenPart):
 
 
 class ZenohPublisher(_ZenohPart, Publisher):
-    """See `Publisher`."""
+    """Publisher of a topic by Zenoh; see `Publisher`."""
 
     def __init__(self, transport: ZenohTransport, topic: str, kind: type[Any], qos: QoS) -> None:
         self._kind, self._count = kind, itertools.count(1)
@@ -250,13 +250,13 @@ class ZenohPublisher(_ZenohPart, Publisher):
 
     @property
     def subscription_count(self) -> int:
-        """1 where somebody subscribes."""
+        """1 if there is a subscription, else 0."""
         with self._busy:
             return 0 if self.closed else int(self._entity.matching_status.matching)
 
 
 class ZenohSubscription(_ZenohPart):
-    """Calls back on a thread of Zenoh."""
+    """Subscription that calls back on a thread of Zenoh."""
 
     def __init__(
         self,
@@ -285,7 +285,7 @@ class ZenohSubscription(_ZenohPart):
 
 
 class ZenohService(_ZenohPart):
-    """Answers the queries of clients, each on a thread."""
+    """Service that answers the queries of clients, each on a thread."""
 
     def __init__(
         self, transport: ZenohTransport, name: str, type_name: str, callback: Callable[[Any], Any]
@@ -328,7 +328,7 @@ class ZenohService(_ZenohPart):
 
 
 def _typed(type_name: str) -> str:
-    """Return type and hash as key expressions have them."""
+    """Return type and type hash in the form of key expressions."""
     package, group, own = type_name.split("/")
     return f"{package}::{group}::dds_::{own}_/{type_hash(type_name)}"
 
@@ -338,11 +338,11 @@ def _attached(number: int, identifier: bytes) -> bytes:
 
 
 def _configuration(zenoh: Any, router: str) -> Any:
-    """Return the configuration of a session with a router, or of one that is a router itself.
+    """Return the configuration of a session with a router, or of a session that is a router itself.
 
     Raises:
-        InvalidValueError: for a router that is no endpoint.
-        TransportError: where nothing listens there and it would be on another machine.
+        InvalidValueError: for a router that is not an endpoint.
+        TransportError: if nothing listens at an endpoint of another machine.
     """
     protocol, _, place = router.partition("/")
     host, _, port = place.rpartition(":")

@@ -1,4 +1,4 @@
-"""Actions through Zenoh: three services and two topics, as rcl_action names them."""
+"""Actions through Zenoh: three services and two topics, with the names of rcl_action."""
 
 from __future__ import annotations
 
@@ -26,22 +26,22 @@ logger = logging.getLogger(__name__)
 _CANCEL = "action_msgs/srv/CancelGoal"
 _STATUS = "action_msgs/msg/GoalStatusArray"
 _NONE, _REJECTED, _UNKNOWN, _TERMINATED = range(4)  # return codes of CancelGoal
-_MOST_ENDED = 100  # goals that have ended and whose results are kept
-_LOOK_EVERY = 0.5  # time between two looks at whether clients are still there [s]
-_LAST_ANSWERS = 0.2  # time for results to leave before the services end [s]
-_LONGEST = 1e6  # time for which a result is waited for, where no other is set [s]
+_MOST_ENDED = 100  # maximum number of ended goals whose results are kept
+_LOOK_EVERY = 0.5  # interval between checks for clients [s]
+_LAST_ANSWERS = 0.2  # time to send results before the services end [s]
+_LONGEST = 1e6  # default of the maximum time to wait for a result [s]
 
 
 class OfferedAction(OpenPart):
-    """An action on the graph; its goals are those of `Action`.
+    """An action on the graph; its goals are goals of an `Action`.
 
-    Goals are canceled where no client is left on the graph, which Zenoh notices as soon as one has ended.
+    Goals are canceled if no client is left on the graph; Zenoh detects the end of a client at once.
 
     Args:
-        transport: Of which node.
+        transport: Transport of the node.
         name: Name of the action.
-        type_name: Its type.
-        server: What it does.
+        type_name: Type of the action.
+        server: Server that executes goals.
     """
 
     def __init__(self, transport: ZenohTransport, name: str, type_name: str, server: ActionServer) -> None:
@@ -60,7 +60,7 @@ class OfferedAction(OpenPart):
         threading.Thread(target=self._look_for_clients, name=f"ros {name} clients", daemon=True).start()
 
     def _end(self) -> None:
-        """Abort goals under way and offer the action no more."""
+        """Abort active goals and withdraw the action."""
         self._closed.set()
         under_way = bool(self._action.goals)
         self._action.close()
@@ -132,7 +132,7 @@ class OfferedAction(OpenPart):
         self._statuses.publish(message_type(_STATUS)(status_list=listed))
 
     def _look_for_clients(self) -> None:
-        """Cancel goals under way where nobody subscribes to their feedback, in two looks."""
+        """Cancel active goals if two successive checks find no subscription to their feedback."""
         missed, topic = 0, f"{self._action.name}/_action/feedback"
         while not self._closed.wait(_LOOK_EVERY):
             goals = [goal for goal in tuple(self._goals.values()) if not goal.done]
@@ -149,13 +149,13 @@ class OfferedAction(OpenPart):
 
 
 class ZenohGoal(GoalHandle):
-    """A goal that was sent.
+    """A goal that was sent to an action.
 
     Args:
-        transport: Of which node.
+        transport: Transport of the node.
         name: Name of the action.
-        type_name: Its type.
-        on_feedback: Called with its feedback.
+        type_name: Type of the action.
+        on_feedback: Function that is called with the goal's feedback.
     """
 
     def __init__(
@@ -168,7 +168,7 @@ class ZenohGoal(GoalHandle):
         self._listening: Closable | None = None
 
     def send(self, goal: Any, timeout: float) -> ZenohGoal:
-        """Send it; see `Transport.send_goal`."""
+        """Send the goal; see `Transport.send_goal`."""
         check_message(goal, message_type(f"{self._type}_Goal"))
         end = time.monotonic() + timeout
         kind = f"{self._type}_FeedbackMessage"
@@ -190,7 +190,7 @@ class ZenohGoal(GoalHandle):
         return self
 
     def _cancel_late(self) -> None:
-        """Cancel what may have been accepted after nobody waited for that any more."""
+        """Cancel the goal, which may have been accepted after the wait for it ended."""
 
         def cancel() -> None:
             with contextlib.suppress(TransportError):
@@ -206,7 +206,7 @@ class ZenohGoal(GoalHandle):
         request = message_type(f"{self._type}_GetResult_Request")()
         request.goal_id.uuid = self.goal_id
         self._result = GoalResult(GoalStatus.UNKNOWN, message_type(f"{self._type}_Result")())
-        with contextlib.suppress(TransportError):  # and where nothing comes the connection was lost
+        with contextlib.suppress(TransportError):  # without an answer the connection was lost
             service, kind = f"{self._name}/_action/get_result", f"{self._type}_GetResult"
             response = self._transport.ask(service, kind, request, _LONGEST)
             if response is not None:
@@ -217,11 +217,11 @@ class ZenohGoal(GoalHandle):
 
     @property
     def done(self) -> bool:
-        """Whether the result is there."""
+        """Whether the goal has a result, or was not accepted."""
         return self._ended.is_set() or not self.accepted
 
     def cancel(self, timeout: float = SERVER_WAIT) -> bool:
-        """Request the end of the goal."""
+        """Request to cancel the goal; return whether the server accepts the request."""
         if self.accepted and self._ended.is_set():
             return False
         request = message_type(f"{_CANCEL}_Request")()
