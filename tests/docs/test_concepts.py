@@ -51,8 +51,10 @@ def test_the_same_thing_is_called_the_same_everywhere():
     assert len(refused) > 30
     words = (rf"(?P<w{k}>{word}s?)" for k, word in enumerate(refused))
     pattern = re.compile(rf"(?<![\w.=-])(?:{'|'.join(words)})(?![\w(:=])")
-    assert pattern.search("two waypoints, a CoM")  # and neither names nor calls:
-    assert not pattern.search("shortcut(); waypoints: Of the path; pepper_kin.datasets; of com; dataset_job")
+    assert pattern.search("two way-points, a COM")  # and neither names nor calls:
+    assert not pattern.search(
+        "shortcut(); waypoints: Of the path; pepper_kin.datasets; of com; dataset_job; a CoM"
+    )
     found = [
         f"{place}: {match[0]} is called {list(refused.values())[int(match.lastgroup[1:])]}"
         for place, text in prose()
