@@ -1,4 +1,4 @@
-"""References of the twin for every timestep: of a caller, or of a trajectory."""
+"""References of the twin for every timestep, given by a caller or sampled from a trajectory."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from pepper_kin.trajectory.trajectory import Trajectory, checked_trajectory
 from pepper_kin.twin.command import Command
 
 MOST_STEPS = 10_000_000
-"""Most steps of one run."""
+"""Maximum number of steps of one run."""
 
 
 _ZERO = read_only(np.zeros(()))
 
 
 class References(NamedTuple):
-    """What a robot is to follow at the end of a step, or of T steps, shape (n,), (T, n) or (N, T, n).
+    """References at the end of a step, or of T steps, shape (n,), (T, n) or (N, T, n).
 
     Attributes:
-        position: [rad or m].
-        velocity: [rad/s or m/s].
-        acceleration: Used by the feed-forward "inverse_dynamics" only [rad/s^2 or m/s^2].
-        effort: Torque of the joints in torque mode [N m or N].
-        load: Torque on the joints from elsewhere [N m or N].
+        position: Reference positions [rad or m].
+        velocity: Reference velocities [rad/s or m/s].
+        acceleration: Reference accelerations for the feed-forward "inverse_dynamics" [rad/s^2 or m/s^2].
+        effort: Torques of joints in torque mode [N m or N].
+        load: External torques on the joints [N m or N].
     """
 
     position: Array
@@ -45,12 +45,12 @@ class References(NamedTuple):
     def checked(
         cls, check: Callable[[ArrayLike, str], Array], zero: Array, *values: ArrayLike | None
     ) -> References:
-        """Return references of what a caller gives, in the order of the fields.
+        """Return references from a caller's values, in the order of the fields.
 
         Args:
-            check: Returns a value as an array, or refuses it by its name.
-            zero: Stands for what is None.
-            *values: One for each field.
+            check: Function of value and name that returns the value as an array, or refuses it.
+            zero: Array in place of None.
+            *values: Values, one for each field.
         """
         pairs = zip(cls._fields, values, strict=True)
         return cls(*(zero if value is None else check(value, name) for name, value in pairs))
@@ -58,12 +58,12 @@ class References(NamedTuple):
     def command(
         self, pepper: PepperModel, feedforward: str, torque_mode: NDArray[np.bool_] | None
     ) -> Command:
-        """Return what actuators are sent.
+        """Return the commands of the actuators.
 
         Args:
             pepper: The robot.
-            feedforward: One of `FEEDFORWARDS` of the twin.
-            torque_mode: Which joints take the effort, shape (n,); None for none.
+            feedforward: Kind of feed-forward, one of `FEEDFORWARDS` of the twin.
+            torque_mode: Whether each joint is in torque mode, shape (n,); None if none is.
         """
         q, v, a, effort, _ = self
         inverse = feedforward == "inverse_dynamics"
@@ -76,9 +76,9 @@ def sampled(pepper: PepperModel, trajectory: Trajectory, hold_time: float, times
 
     Args:
         pepper: The robot.
-        trajectory: What to follow.
+        trajectory: The trajectory.
         hold_time: Time to hold the end afterwards [s].
-        timestep: Of the twin [s].
+        timestep: Timestep of the twin [s].
 
     Raises:
         InvalidValueError: for other joints, a hold time that is not a finite number of at least 0, or more

@@ -1,4 +1,4 @@
-"""Robots of one kind as the compiled time loop takes them."""
+"""Robots of one kind in the form of the compiled time loop."""
 
 from __future__ import annotations
 
@@ -37,23 +37,24 @@ if TYPE_CHECKING:
     from pepper_kin.twin.batch_world import BatchWorld
 
 _ALL = slice(None)
-_LONGEST_RUN = 300_000  # steps of robots, after which the interpreter runs: interrupts are handled
-_WEIGHT = 512  # rows that a robot counts as when work is shared among threads
+_LONGEST_RUN = 300_000  # number of robots' steps after which the interpreter runs, to handle interrupts
+_WEIGHT = 512  # number of rows that a robot counts as when work is divided among threads
 
 
 class Rollout(NamedTuple):
-    """What robots did.
+    """States and torques of simulated robots.
 
     Attributes:
-        position: At the start and every so many steps [rad or m], shape (N, rows, n).  Where a robot has
-            stopped, the next row is the state that diverged, and the rest is of no use; there is one such row
-            too many where the steps do not divide evenly.
-        velocity: The same [rad/s or m/s].
-        torque: The same [N m or N]; the first row is of no use.
+        position: Positions at the start and at recorded steps [rad or m], shape (N, rows, n).  If a robot has
+            stopped, the next row is the diverged state, and later rows are undefined; there is one additional
+            row if the steps do not divide evenly.
+        velocity: Velocities at the rows [rad/s or m/s], shape (N, rows, n).
+        torque: Torques at the rows [N m or N], shape (N, rows, n); the first row is undefined.
         good: Number of good steps of each robot, shape (N,).
-        last_position: Of the last good state [rad or m], shape (N, n).
-        last_velocity: The same [rad/s or m/s], shape (N, n).
-        last_torque: In the last step [N m or N], shape (N, n); of no use where a robot has stopped.
+        last_position: Positions of the last good state [rad or m], shape (N, n).
+        last_velocity: Velocities of the last good state [rad/s or m/s], shape (N, n).
+        last_torque: Torques in the last step [N m or N], shape (N, n); undefined for a robot that has
+            stopped.
     """
 
     position: Array
@@ -66,11 +67,12 @@ class Rollout(NamedTuple):
 
 
 class Sending(NamedTuple):
-    """How commands get to the joints.
+    """Settings of the commands of joints.
 
     Attributes:
         kind: HELD_COMMANDS, LINEAR or SHAPED, see `shaped_steps`.
-        limits: Greatest speed and acceleration of shaped commands, shape (2, n).
+        limits: Maximum velocity [rad/s or m/s] and acceleration [rad/s^2 or m/s^2] of shaped commands, shape
+            (2, n).
     """
 
     kind: int
@@ -82,16 +84,16 @@ class Simulator:
 
     Args:
         pepper: The robot.
-        timestep: h [s].
-        actuators: Parameters of the joints, each of shape (N, n).
-        gravity: Whether servos add what holds the present posture of the robot as it is described.
+        timestep: Timestep h [s].
+        actuators: Parameters of the joints' actuators, shape (N, n) each.
+        gravity: Whether servos add the gravity torque of the present posture, with nominal masses.
         scale: Factors of the mass that moves with each joint, shape (N, n); none if omitted.
-        loads: Frame -> inertial parameters of what it carries, shape (N, PARAMETERS) each; see
+        loads: Frame -> inertial parameters of the frame's load, shape (N, PARAMETERS); see
             `pepper_kin.collision.loads`.
 
     Attributes:
-        robots: N.
-        tables: The robots for compiled code.
+        robots: Number N of robots.
+        tables: Tables of the robots for compiled code.
     """
 
     def __init__(
@@ -107,7 +109,7 @@ class Simulator:
         self.robots, self._n = actuators.kp.shape
         carried = dict(loads or {})
         variant = Variant(has_motor(actuators), scale is not None, tuple(carried))
-        # Machine code lives no longer than its kernel.
+        # The kernels are kept, since machine code lives only as long as its kernel.
         self._kernels = step_kernels(pepper, variant, self.robots)
         self._lanes = 1 if self.robots == 1 else self._kernels[0].lanes
         if not gravity:
@@ -139,12 +141,12 @@ class Simulator:
 
     @property
     def temperature(self) -> Array:
-        """Temperatures of the motors, 0 when cold to 1 for the hottest they may be, shape (N, n)."""
+        """Temperatures of the motors, from 0 (cold) to 1 (hottest), shape (N, n)."""
         law = self.tables.law
         return self._robots(law[:, TEMPERATURE]) if remembers(law) else np.zeros((self.robots, self._n))
 
     def reset(self, robots: NDArray[np.int64] | slice = _ALL) -> None:
-        """Cool motors, and take up the backlash, of some robots by their numbers, shape (k,), or of all."""
+        """Reset motor temperatures and backlash of robots with given indices, shape (k,), or of all."""
         law, constant = self.tables.law, self.tables.constant
         if not remembers(law):
             return
@@ -174,9 +176,9 @@ class Simulator:
             v: Velocities at the start [rad/s or m/s], shape (N, n).
             inputs: Inputs of the robots, shape (N, T, n) each, or (1, T, n) for all robots.
             steps: Number of steps T.
-            every: Steps between rows of the result.
+            every: Number of steps between rows of the result.
             threads: Number of threads; the result does not depend on it.
-            progress: Called with about the number of robots done and N.
+            progress: Function called with the approximate number of finished robots and N.
 
         Returns:
             The states.
@@ -201,12 +203,12 @@ class Simulator:
         return Rollout(position, velocity, torque, log.good, *(self._robots(x) for x in state))
 
     def delay(self, ticks: NDArray[np.int64]) -> None:
-        """Let commands of `go_to` arrive after so many steps, shape (N,)."""
+        """Set the delay of commands of `go_to` in steps, shape (N,)."""
         self._delay = self._blocks(np.repeat(ticks[:, np.newaxis], self._n, axis=1)).astype(np.int64)
         self._waiting = np.zeros((int(ticks.max()) + 1, 2 * self._delay.shape[0], self._delay.shape[1]))
 
     def fill(self, q: Array, rows: NDArray[np.int64] | slice = _ALL) -> None:
-        """Let commands to rest at q [rad or m], shape (N, n), be all that were sent to some robots, (k,)."""
+        """Set all past commands of selected robots, (k,), to rest at q [rad or m], shape (N, n)."""
         chosen = np.zeros(q.shape)
         chosen[rows] = 1.0
         where, at = self._blocks(chosen) > 0, self._blocks(q)
@@ -221,14 +223,14 @@ class Simulator:
         threads: int,
         worlds: BatchWorld | None,
     ) -> tuple[Array, Array, Array, NDArray[np.int64]]:
-        """Send all robots to targets; see `shaped_steps`.
+        """Move all robots toward targets; see `shaped_steps`.
 
         Args:
-            state: Position, velocity, target, and load from outside, shape (N, n) each; None for no load.
-            sending: How commands get to the joints.
+            state: Position, velocity, target, and external load, shape (N, n) each; None for no load.
+            sending: Settings of the commands.
             steps: Number of steps.
             threads: Number of threads; the result does not depend on it.
-            worlds: What is around the robots; nothing if None.
+            worlds: Worlds around the robots; None for none.
 
         Returns:
             Position, velocity and torque, shape (N, n) each, and the number of good steps of each robot,
@@ -258,26 +260,26 @@ class Simulator:
         return q, v, torque, good
 
     def checkpoint(self) -> dict[str, Array]:
-        """Return what changes in time, by name."""
+        """Return the arrays of the internal state, by name."""
         return {
             "sent": self._sent, "late": self._waiting, "clock": np.array(self._clock),
             "law": self.tables.law, "constant": self.tables.constant,
         }  # fmt: skip
 
     def restore(self, found: Mapping[str, Array]) -> None:
-        """Put all to what `checkpoint` has returned."""
+        """Restore the internal state that `checkpoint` returned."""
         for name, part in self.checkpoint().items():
             part[...] = found[name]
         self._clock = int(found["clock"])
 
     def reraise(self) -> None:
-        """Raise what a step by Pinocchio has raised, such as KeyboardInterrupt; its state is not sound."""
+        """Raise the error of a step by Pinocchio, such as KeyboardInterrupt; its state is invalid."""
         for kernel in self._kernels:
             if isinstance(kernel, PythonKernel):
                 kernel.reraise()
 
     def workspace(self) -> StepWorkspace:
-        """Return the arrays of one thread."""
+        """Return working arrays for one thread."""
         m, entries = self._n * self._lanes, self.tables.places.shape[1] * self._lanes
         return StepWorkspace(
             step_input=_aligned(6 * m + self.tables.constant.shape[1]),
@@ -285,12 +287,12 @@ class Simulator:
             work=_aligned(max(kernel.work_size for kernel in self._kernels)),
             solve_input=_aligned(2 * m + entries),
             solve_output=_aligned(m),
-            rows=np.zeros((7, m)),  # lanes that are not solved for hold numbers, too
+            rows=np.zeros((7, m)),  # unused lanes must hold numbers, too
             flags=np.zeros((2, self._lanes), dtype=np.bool_),
         )
 
     def _addresses(self, inputs: int, places: int) -> list[int]:
-        """Return the addresses of the kernels that step and solve, for buffers as `workspace` makes them."""
+        """Return the addresses of the step and solve kernels, for buffers as `workspace` returns them."""
         function, work = "single" if self._lanes == 1 else "block", max(k.work_size for k in self._kernels)
         sizes = (inputs, 5 * self._n + places + 1), (places + 2 * self._n, self._n)
         return [
@@ -299,19 +301,19 @@ class Simulator:
         ]
 
     def _spread(self, values: Array) -> Array:
-        """Return values for all robots in the order of elements; others as they are.
+        """Return values shared by all robots repeated for each lane, and individual values unchanged.
 
         Args:
-            values: Numbers of shape (1, T, n) for all robots, else (N, T, n).
+            values: Values, shape (1, T, n) for all robots, else (N, T, n).
 
         Returns:
-            Numbers of shape (1, T, n W), with W lanes, or (N, T, n).
+            Values, shape (1, T, n W) with W lanes, or (N, T, n).
         """
         shared = values.shape[0] == 1
         return np.ascontiguousarray(np.repeat(values, self._lanes, axis=2) if shared else values, dtype=float)
 
     def _blocks(self, values: Any) -> Array:
-        """Return values of robots, (N, k), in blocks of lanes, (blocks, k W); the last robot fills up."""
+        """Return values of robots, (N, k), in blocks of lanes, (blocks, k W), padded with the last robot."""
         lanes, k = self._lanes, values.shape[1]
         blocks = -(-self.robots // lanes)
         if blocks * lanes != self.robots:
@@ -334,12 +336,12 @@ def has_motor(actuators: ActuatorTable) -> bool:
 
 
 def _aligned(size: int) -> Array:
-    """Return an array at a multiple of 64 bytes."""
+    """Return an array that is aligned to 64 bytes."""
     floats = np.empty(size + 8)
     start = (-(floats.ctypes.data // 8)) % 8
     return floats[start : start + size]
 
 
 def _most(steps: int) -> int:
-    """Return how many rows of work a thread does before the interpreter runs, each robot counting as many."""
+    """Return the number of rows that a thread processes before the interpreter runs; see `_WEIGHT`."""
     return _LONGEST_RUN // max(steps, 1) * _WEIGHT

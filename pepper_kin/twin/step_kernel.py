@@ -1,4 +1,4 @@
-"""The equation of motion of one step as kernels: its terms, and its solution."""
+"""Kernels of the equation of motion of one step: its terms, and its solution."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ SOURCES = tuple(
     f"pepper_kin.{name}"
     for name in ("twin.step_kernel", "core.simulation.actuator_model", "symbolic", "model", "dynamics.load")
 )
-"""Modules on which the kernels depend."""
+"""Modules whose code the kernels depend on."""
 
 _PACKAGE_VECTOR_BYTES = 32
 
@@ -65,18 +65,18 @@ STEP_INPUTS = (
     "feedforward_torque",
     "load",
 )
-"""Names of the step's inputs that change from step to step, n values each; `feedforward_torque` times the
-strength."""
+"""Inputs that change from step to step, n values each; `feedforward_torque` is times the strength."""
 
 
 @dataclass(frozen=True)
 class Variant:
-    """What the step of a robot has to take into account.
+    """Features that the step of a robot has to include.
 
     Attributes:
-        motor: Rotors, friction, torque-speed lines and encoders; without them, servos with torque limits.
+        motor: Whether to include rotors, friction, torque-speed lines and encoders; else only servos with
+            torque limits.
         scaled: Whether the mass that moves with each joint has a factor.
-        load_frames: Frames that carry something.
+        load_frames: Names of frames with loads.
     """
 
     motor: bool = False
@@ -107,7 +107,7 @@ def step_function(pepper: PepperModel, variant: Variant) -> casadi.Function:
 
     Args:
         pepper: The robot.
-        variant: What the step has to take into account.
+        variant: Features that the step has to include.
 
     Raises:
         UnknownNameError: for a frame that the robot lacks.
@@ -132,15 +132,15 @@ def step_function(pepper: PepperModel, variant: Variant) -> casadi.Function:
 
 
 class _Drive(NamedTuple):
-    """What actuators, friction and loads do on the segments at the velocities at the start of a step.
+    """Terms of actuators, friction and loads on the segments at the initial velocities of a step.
 
     Attributes:
-        servo: The actuators' torque demand at w = 0, shape (n,).
-        force: c - k v + load, shape (n,).
-        implicit: What is added to the diagonal of the mass matrix: J + h k, shape (n,).
-        intercept: c of the motors, shape (n,).
-        slope: k of the motors, shape (n,).
-        torque: From velocities w to the motors' torques.
+        servo: Torque demand of the actuators at w = 0, shape (n,).
+        force: Force c - k v + load, shape (n,).
+        implicit: Addition J + h k to the diagonal of the mass matrix, shape (n,).
+        intercept: Intercept c of the motors' segments, shape (n,).
+        slope: Slope k of the motors' segments, shape (n,).
+        torque: Function from velocities w to the motors' torques.
     """
 
     servo: Any
@@ -185,7 +185,7 @@ def _ends(x: dict[str, Any], variant: Variant, h: Any, drive: _Drive, a: Any) ->
 
 @remembered
 def drive_functions(pepper: PepperModel, variant: Variant) -> tuple[casadi.Function, casadi.Function]:
-    """Return what a step does before and after its accelerations are known, which Pinocchio computes.
+    """Return functions of the step's terms before and after its accelerations, which Pinocchio computes.
 
     The first takes `STEP_INPUTS`, `parameters`, `h` and `gravity` (n) to `force`, `implicit` and `servo`
     (n each); the second the same and accelerations `a` (n) to `next` (3 n) and `violation`, as in
@@ -221,14 +221,14 @@ def _traced(function: CompiledFunction) -> Callable[..., Any]:
 
 
 def _violation(x: dict[str, Any], variant: Variant, q: Any, w: Any, wrong: Any) -> Any:
-    """Return by how much a step leaves the segments that it was taken on, NaN included.
+    """Return the excess of a step over the segments that it assumed; NaN is passed on.
 
     Args:
         x: Inputs of the step.
-        variant: What it takes into account.
-        q: Positions at its end.
-        w: Velocities at its end.
-        wrong: By how much the motors' torques differ from those of the segments.
+        variant: Features that the step includes.
+        q: Positions at the end of the step [rad or m], shape (n,).
+        w: Velocities at the end of the step [rad/s or m/s], shape (n,).
+        wrong: Differences between the motors' torques and the segments' torques [N m or N], shape (n,).
     """
     import casadi
 
@@ -251,7 +251,7 @@ def _violation(x: dict[str, Any], variant: Variant, q: Any, w: Any, wrong: Any) 
 
 
 def _not_a_number(w: Any) -> Any:
-    """Return zero for finite values, else NaN, in a way that no simplification takes for zero."""
+    """Return zero for finite values, else NaN, in a form that is not simplified to zero."""
     import casadi
 
     total = casadi.sum1(w)
@@ -371,7 +371,7 @@ def _loaded(tree: Tree, frames: Sequence[str], loads: Sequence[GraphScalar]) -> 
     for k, frame in enumerate(frames):
         body, turn, place = tree.anchor(frame)
         if body < 0:
-            continue  # on the floor it moves with nothing
+            continue  # a frame on the floor does not move
         mass, *first, xx, xy, xz, yy, yz, zz = loads[PARAMETERS * k : PARAMETERS * (k + 1)]
         own, offset, old = times(turn, first), scale(mass, place), bodies[body].inertia
         second = product(product(turn, symmetric(xx, yy, zz, xy, xz, yz)), transpose(turn))
@@ -387,5 +387,5 @@ def _loaded(tree: Tree, frames: Sequence[str], loads: Sequence[GraphScalar]) -> 
 
 
 def _key(pepper: PepperModel, what: str) -> str:
-    """Name what the code depends on: the robot, the quantity and the source of the expressions."""
+    """Return the key of compiled code: the robot, the quantity and the source of the expressions."""
     return f"{what} of {robot_digest(pepper)} by {source_digest(*SOURCES)} {RUNAWAY} {CREEP} {SAME_FORCE}"

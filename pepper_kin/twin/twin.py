@@ -38,8 +38,8 @@ from pepper_kin.twin.state import TwinState, diverged
 from pepper_kin.twin.world.ground import standing_on_ground
 from pepper_kin.twin.world.world import World
 
-LONGEST_ALONE = 30_000  # steps, after which the interpreter runs: interrupts are handled
-LONGEST_RUN = 500  # the same with a world
+LONGEST_ALONE = 30_000  # number of steps after which the interpreter runs, to handle interrupts
+LONGEST_RUN = 500  # number of steps after which the interpreter runs with a world
 FEEDFORWARDS = ("none", "gravity", "inverse_dynamics")
 
 
@@ -51,22 +51,21 @@ class Twin:
     Args:
         pepper: The robot.
         timestep: Time of one step [s], above 0 and at most 0.05.
-        feedforward: What the servos add to their feedback: "none"; "gravity", the torque that holds the
+        feedforward: Torque that servos add to their feedback: "none"; "gravity", the torque that holds the
             present posture; or "inverse_dynamics", the torque that the reference motion needs.
         actuators: Actuators and stops; `actuator_parameters(pepper)` if omitted.
-        world: What the robot may touch; computes the load of each step.  A `World` of the scene if omitted.
-        sensors: Shown every state; what a `SensorSuite` reads is in `run.readings`.
-        substeps: Number of integrator steps in a timestep; in between, the reference is taken to move with
-            its velocity.
-        payload: Point masses at "left", "right" or a frame by name [kg], besides attached objects.
-        scene: What stands around the robot and moves there, which the robot cannot pass, and what is attached
-            to the robot, whose mass counts; that of a `World` if omitted.  With a `world` it counts only for
-            what is attached.
+        world: World that the robot may touch, which computes the load of each step.  A `World` of the scene
+            if omitted.
+        sensors: Sensors, which observe every state; readings of a `SensorSuite` are in `run.readings`.
+        substeps: Number of integrator steps in a timestep; in between, the reference moves with its velocity.
+        payload: Point masses at "left", "right" or a frame by name [kg], in addition to attached objects.
+        scene: Static and moving obstacles, which the robot cannot penetrate, and attached objects, whose
+            masses count; the scene of a `World` if omitted.  With a `world`, only attached objects count.
 
     Attributes:
-        world: What the robot may touch; None for nothing.
-        loads: What the robot carries.  Feed-forward does not know it: it uses the robot as it is described,
-            as a robot's controller does.
+        world: World that the robot may touch; None for none.
+        loads: Carried loads.  Feed-forward ignores them: it uses the nominal masses, as a robot's controller
+            does.
 
     Raises:
         InvalidValueError: for a timestep out of range, an unknown feed-forward, actuators of other joints, or
@@ -126,19 +125,19 @@ class Twin:
 
     @property
     def temperature(self) -> Array:
-        """Temperatures of the motors, from 0 (cold) to 1, the hottest that the derated limit allows, (n,)."""
+        """Temperatures of the motors, from 0 (cold) to 1, the maximum under the derated limit, shape (n,)."""
         return self._integrator.temperature
 
     @property
     def pushes(self) -> tuple[Push, ...]:
-        """Pushes, past and to come."""
+        """Past and future pushes."""
         return self._pushes
 
     def reset(self, q: ArrayLike | None = None, v: ArrayLike | None = None) -> TwinState:
-        """Put the twin somewhere with cold motors and set its clock to zero; pushes stay.
+        """Set the state of the twin, with cold motors, and its clock to zero; pushes are kept.
 
-        What lies in a world that was given stays where it lies, for `execute` resets too: see
-        `twin.world.reset()`.  What moves in the twin's scene is where it is at time 0.
+        Bodies of a given world keep their states, because `execute` resets too: see `twin.world.reset()`.
+        Moving obstacles of the twin's scene return to their poses at time 0.
 
         Args:
             q: Position [rad or m], shape (n,); the neutral posture (Stand) if omitted.
@@ -178,22 +177,22 @@ class Twin:
         start: float | None = None,
         duration: float = 0.1,
     ) -> Push:
-        """Let a force act on the robot for some time.
+        """Apply a force to the robot for some time.
 
         Args:
-            frame: Frame that it acts on.
-            force: In world axes [N], shape (3,).
-            point: Where, in the frame's axes [m], shape (3,); its origin if omitted.
-            start: When it begins on the twin's clock [s], which `reset` sets to zero, and `execute` too
-                unless it goes on from the present; now if omitted.
-            duration: How long it lasts [s]; infinity for ever.
+            frame: Name of the frame that it acts on.
+            force: Force in world axes [N], shape (3,).
+            point: Point of action in the frame's axes [m], shape (3,); the frame's origin if omitted.
+            start: Start time on the twin's clock [s], which `reset` sets to zero, and `execute` too unless it
+                starts from the present state; now if omitted.
+            duration: Duration [s]; may be infinite.
 
         Returns:
             The push, also in `pushes`.
 
         Raises:
             UnknownNameError: for a frame that the robot lacks.
-            InvalidValueError: naming the quantity that is wrong.
+            InvalidValueError: for a wrong value, naming its quantity.
         """
         begin = self._step * self.timestep if start is None else start
         added = Push.checked(self.pepper, frame, force, point, begin, duration)
@@ -201,7 +200,7 @@ class Twin:
         return added
 
     def clear_pushes(self) -> None:
-        """Forget all pushes."""
+        """Remove all pushes."""
         self._pushes = ()
 
     def step(
@@ -216,20 +215,21 @@ class Twin:
         """Advance by one timestep towards a reference.
 
         Args:
-            position: Position wanted at the end of the step [rad or m], shape (n,).
-            velocity: Velocity wanted then [rad/s or m/s], shape (n,); zero if omitted.
-            acceleration: Used by the feed-forward "inverse_dynamics" only [rad/s^2 or m/s^2], shape (n,);
-                zero if omitted.
-            effort: Torque of the joints in torque mode [N m or N], shape (n,); zero if omitted.
-            load: Torque on the joints from elsewhere [N m or N], shape (n,); none if omitted.
+            position: Reference position at the end of the step [rad or m], shape (n,).
+            velocity: Reference velocity at the end of the step [rad/s or m/s], shape (n,); zero if omitted.
+            acceleration: Reference acceleration for the feed-forward "inverse_dynamics" [rad/s^2 or m/s^2],
+                shape (n,); zero if omitted.
+            effort: Torques of joints in torque mode [N m or N], shape (n,); zero if omitted.
+            load: External torques on the joints [N m or N], shape (n,); none if omitted.
 
         Returns:
             The new state.
 
         Raises:
             InvalidValueError: for a wrong length, NaN or infinity.
-            DivergedError: where the new state is not finite, naming joint, step and cause; the state stays.
-            ContactError: where the world cannot do its step; the state stays.
+            DivergedError: if the new state is not finite, naming joint, step and cause; the state is
+                unchanged.
+            ContactError: if the world's step cannot be solved; the state is unchanged.
         """
         references = References.checked(
             partial(as_joint_vector, self.pepper), self._rest, position, velocity, acceleration, effort, load
@@ -258,23 +258,23 @@ class Twin:
         """Follow a trajectory.
 
         Args:
-            trajectory: What to follow; its joints must be the robot's.
+            trajectory: The trajectory; its joints must be the robot's.
             hold_time: Time to hold the end afterwards [s].
-            from_present: Start where the twin is; otherwise it is first put at the trajectory's start, with
-                its velocity.
-            progress: Called with the number of timesteps done and of all, at least every half second; what
-                it raises ends the run.
+            from_present: Whether the twin starts in its present state; otherwise it is first reset to the
+                trajectory's start, with its velocity.
+            progress: Function called with the numbers of finished and of all timesteps, at least every half
+                second; an error that it raises ends the run.
 
         Returns:
-            The run.  Its status is COMPLETED where the robot ends on its reference (see `RunStatus`), and was
-            touched by nothing of the twin's scene; else its message names the joint, its distance from the
-            reference and what it touches.  Where the state diverged, or the world could not do its step, its
-            status is STOPPED, its message names step, joint or contact, and cause, and it holds everything up
-            to there.
+            The run.  Its status is COMPLETED if the robot ends on its reference (see `RunStatus`) without
+            contact with the twin's scene; else its message names the joint, its distance from the reference
+            and the contact.  If the state diverged, or the world's step could not be solved, its status is
+            STOPPED, its message names step, joint or contact, and cause, and it holds everything before the
+            stop.
 
         Raises:
             InvalidValueError: for other joints, or a hold time that is not a finite number of at least 0.
-            LimitError: where the trajectory starts outside the position limits.
+            LimitError: if the trajectory starts outside the position limits.
         """
         references = sampled(self.pepper, trajectory, hold_time, self.timestep)
         if not from_present:
@@ -293,12 +293,12 @@ class Twin:
         """Follow references with a row for every timestep, from the present state of the twin.
 
         Args:
-            position: Position wanted at the end of each step [rad or m], shape (T, n).
-            velocity: Velocity wanted then [rad/s or m/s], shape (T, n); zero if omitted.
-            acceleration: Used by the feed-forward "inverse_dynamics" only [rad/s^2 or m/s^2], shape (T, n);
-                zero if omitted.
-            effort: Torque of the joints in torque mode [N m or N], shape (T, n); zero if omitted.
-            load: Torque on the joints from elsewhere [N m or N], shape (T, n); none if omitted.
+            position: Reference positions at the end of each step [rad or m], shape (T, n).
+            velocity: Reference velocities [rad/s or m/s], shape (T, n); zero if omitted.
+            acceleration: Reference accelerations for the feed-forward "inverse_dynamics" [rad/s^2 or m/s^2],
+                shape (T, n); zero if omitted.
+            effort: Torques of joints in torque mode [N m or N], shape (T, n); zero if omitted.
+            load: External torques on the joints [N m or N], shape (T, n); none if omitted.
 
         Returns:
             The run, with T + 1 rows: the first is the present state.
@@ -314,11 +314,11 @@ class Twin:
         return self._follow(first.then(self._command(references)), references.load)
 
     def run_real_time(self, commander: Commander, **options: Any) -> Timing:
-        """Step against the wall clock, with a function of target positions; see `run_real_time`."""
+        """Step in time with the wall clock, with a function of target positions; see `run_real_time`."""
         return run_real_time(self, commander, **options)
 
     def _command(self, references: References) -> Command:
-        """Return what the actuators are sent for references."""
+        """Return the actuators' commands for references."""
         return references.command(self.pepper, self.feedforward, self._effort_mode)
 
     def _follow(
@@ -327,12 +327,12 @@ class Twin:
         load: Array | None = None,
         progress: Callable[[int, int], object] = lambda done, total: None,
     ) -> Run:
-        """Follow commands, of which the first stands for the present state.
+        """Follow commands, the first of which is the present state.
 
         Args:
-            command: Of T timesteps and that first one, shape (T + 1, n) each.
-            load: Torques on the joints from elsewhere [N m or N], shape (T, n) or (1, n); none if omitted.
-            progress: Called with timesteps done and T.
+            command: First command and commands of T timesteps, shape (T + 1, n) each.
+            load: External torques on the joints [N m or N], shape (T, n) or (1, n); none if omitted.
+            progress: Function called with the number of finished timesteps and T.
         """
         first = self._step
         time = self.timestep * np.arange(len(command.position), dtype=float)
@@ -395,12 +395,12 @@ class Twin:
         """Advance by one timestep for each command, in segments between changes of pushes and samples.
 
         Args:
-            command: Of each timestep, shape (T, n) each.
-            load: Torques on the joints from elsewhere [N m or N], shape (T, n) or (1, n).
-            progress: Called with timesteps done and T.
+            command: Commands of the timesteps, shape (T, n) each.
+            load: External torques on the joints [N m or N], shape (T, n) or (1, n).
+            progress: Function called with the number of finished timesteps and T.
 
         Returns:
-            What came of it, and why the world stopped, if it did.
+            The states, and the error if the world stopped.
         """
         due = self._delay.through(command)
         total, done = len(due.position), 0
@@ -421,24 +421,24 @@ class Twin:
                 try:
                     raise error
                 finally:
-                    del error  # which refers to this frame: all states would wait for a collection of garbage
+                    del error  # it refers to this frame: states would wait for garbage collection
             if error is not None or series.good < len(series.position):
                 return joined(parts, done), error
         return joined(parts, done), None
 
     def _segment(self, command: Command, load: Array, alone: bool) -> tuple[Series, BaseException | None]:
-        """Return the states after some timesteps, and why the world stopped, if it did.
+        """Return the states after some timesteps, and the error if the world stopped.
 
         Args:
-            command: Of each timestep, shape (T, n) each.
-            load: From elsewhere [N m or N], shape (T, n) or (1, n).
+            command: Commands of the timesteps, shape (T, n) each.
+            load: External torques on the joints [N m or N], shape (T, n) or (1, n).
             alone: Whether no push acts.
         """
         pushes = None if alone else (self._pushes, self._step * self._timestep)
         return self._runner.run((self._q, self._v), command, load, self.world, pushes)
 
     def _steps_alone(self, most: int) -> int:
-        """Return the number of steps before the next push or sample of a sensor of the world; 0 for none."""
+        """Return the number of steps before the next push or sensor sample of the world; 0 if a push acts."""
         most = min(most, LONGEST_ALONE if self.world is None else LONGEST_RUN)
         now, h = self._step * self._timestep, self._timestep
         if self._pushes and any(push.acts_within(now, now + h) for push in self._pushes):
@@ -456,14 +456,14 @@ class Twin:
         return min(k, count)
 
     def _take(self, series: Series, good: int) -> None:
-        """Make the last good state the present one, and show all of them to the sensors."""
+        """Make the last good state the present one, and pass all good states to the sensors."""
         if not good:
             return
         before = self._v if good == 1 else series.velocity[good - 2]
         if self.sensors is not None and good > 1:
             show_first(self.sensors, series, good - 1, self._v, (self._step, self._timestep))
         last = [rows[good - 1] for rows in series[:3]]
-        if len(series.position) > 1:  # the rest of the rows need not live as long as this state
+        if len(series.position) > 1:  # copies, so that the other rows can be freed
             last = [row.copy() for row in last]
         self._q, self._v, self._torque = last
         self._a = (self._v - before) / self._timestep
@@ -473,6 +473,6 @@ class Twin:
             self.sensors.observe(self.state)
 
     def _protect(self) -> None:
-        """Make the arrays of the present state read-only, since they are handed out."""
+        """Make the arrays of the present state read-only, since they are returned to callers."""
         for values in (self._q, self._v, self._torque, self._a):
             values.flags.writeable = False

@@ -1,8 +1,8 @@
-"""The base: three omnidirectional wheels, what they can do, and whether the robot stays on them.
+"""The base: three omnidirectional wheels, their limits, and balance on them.
 
     OmniBase, BaseGeometry, pepper_base       wheel speeds and twists of the body
     BaseController, world_velocity            ramped commands within all limits
-    Odometry, arc_between, arc_moved          where the wheels say that it is
+    Odometry, arc_between, arc_moved          the pose from the wheels' rotation
     BalanceMonitor, BalanceReport, BalanceEvent   forces on the wheels, and when one lifts
     simulate_tipping, TippingRun, TippingStatus, edge_moments, EdgeMoments
     BatchTipping                              tilts of many robots, from step to step

@@ -31,11 +31,11 @@ class BalanceEvent:
     """The first time at which the zero-moment point is outside the polygon of the wheels.
 
     Attributes:
-        time: [s].
+        time: Time [s].
         index: Row of the series.
-        edge: The two wheels over whose line the robot begins to tip; empty where the floor would have to
-            pull.
-        margin: How far outside, below zero [m].
+        edge: Names of the two wheels over whose line the robot begins to tip; empty if the floor would have
+            to pull.
+        margin: Distance outside, below zero [m].
     """
 
     time: float
@@ -55,19 +55,19 @@ class BalanceReport(BriefRepr):
     """Balance over a motion; arrays are read-only.
 
     Attributes:
-        time: [s], shape (T,).
+        time: Times [s], shape (T,).
         wrench: Force [N], then moment about the world's origin [N m], of the floor on the robot, in world
             axes, shape (T, 6).
-        point: Zero-moment point in the frame of the base [m], NaN where the floor would have to pull,
-            shape (T, 2).
-        distances: Of the point from the line through wheels k and k + 1, positive inside, -inf where the
-            floor would have to pull, shape (T, k) [m].
-        friction: Least coefficient of friction that keeps the wheels from sliding along the floor: horizontal
-            by vertical force, inf where the floor would have to pull, shape (T,).
-        wheel_forces: Vertical force on each wheel, for three wheels; below zero one would have to be held
-            down, shape (T, 3) [N]; None for more wheels, where it is not determined.
-        event: The first sample outside; None if there is none.
-        loads: What the robot carries; it is part of the wrench.
+        point: Zero-moment point in the frame of the base [m], shape (T, 2); NaN if the floor would have to
+            pull.
+        distances: Distance of the point from the line through wheels k and k + 1 [m], positive inside, -inf
+            if the floor would have to pull, shape (T, k).
+        friction: Minimum coefficient of friction that keeps the wheels from sliding: horizontal over vertical
+            force, inf if the floor would have to pull, shape (T,).
+        wheel_forces: Vertical force on each of three wheels [N], shape (T, 3), below zero if the wheel would
+            have to be held down; None for more wheels, where it is not determined.
+        event: First sample outside; None if there is none.
+        loads: Carried loads, which are part of the wrench.
     """
 
     time: Array
@@ -81,7 +81,7 @@ class BalanceReport(BriefRepr):
 
     @property
     def margin(self) -> Array:
-        """Least of the distances: how far the point is inside, below zero outside, shape (T,) [m]."""
+        """Minimum of the distances [m], shape (T,): positive inside, below zero outside."""
         return np.asarray(self.distances.min(axis=1))
 
     @property
@@ -105,13 +105,13 @@ class BalanceReport(BriefRepr):
 
 
 class BalanceMonitor:
-    """Watches the balance of a motion.
+    """Monitor of a motion's balance.
 
     Args:
         pepper: The robot.
-        geometry: Its wheels; those of its description if omitted.  Their contacts must be the corners of a
-            convex polygon, in any order.
-        base_frame: Frame that they move with.
+        geometry: The robot's wheels; from its description if omitted.  Their contacts must be the corners of
+            a convex polygon, in any order.
+        base_frame: Name of the frame that the wheels move with.
 
     Raises:
         InvalidValueError: for contacts that are not a convex polygon, or without them for a robot whose
@@ -143,21 +143,20 @@ class BalanceMonitor:
         return self.wheel_names[number], self.wheel_names[(number + 1) % len(self.wheel_names)]
 
     def assess_run(self, run: Any, external: ArrayLike | None = None) -> BalanceReport:
-        """Return the balance over a run of the twin, with what it carried and the forces that it recorded.
+        """Return the balance over a run of the twin, with its loads and recorded external forces.
 
-        Accelerations are differences of the velocities: central, and one-sided at the ends.  So a state's
-        outside forces are the mean of the step before it and the step after it.
+        Accelerations are differences of velocities: central, and one-sided at the ends.  Accordingly, the
+        external forces of a state are the mean over the steps before and after it.
 
         Args:
-            run: The run, of two states or more; or anything with `time`, `position` and `velocity`, on which
-                nothing acts from outside if it has no `external_wrench`, and which carries nothing if it has
-                no `loads`.
-            external: All that acts on the robot from outside, force [N] and moment [N m], shape (6,) or
-                (T, 6), in place of what the run has recorded; see `assess`.
+            run: The run, of two or more states; or any object with `time`, `position` and `velocity`, without
+                external forces if it has no `external_wrench`, and without loads if it has no `loads`.
+            external: External force [N] and moment [N m] on the robot, shape (6,) or (T, 6), in place of the
+                recorded ones; see `assess`.
 
         Raises:
-            InvalidValueError: for a run of one state, or for one with loads on joints of which no force is
-                known, without `external`.
+            InvalidValueError: for a run of one state, or a run with joint loads of unknown force without
+                `external`.
         """
         count = len(run.time)
         if count < 2:
@@ -186,16 +185,16 @@ class BalanceMonitor:
         """Return the balance over a motion.
 
         Args:
-            time: [s], shape (T,).
+            time: Times [s], shape (T,).
             q: Joint positions [rad or m], shape (T, n).
             v: Joint velocities [rad/s or m/s], shape (T, n).
             a: Joint accelerations [rad/s^2 or m/s^2], shape (T, n).
-            external: Force [N] and moment about the world's origin [N m] that something else puts on the
-                robot, in world axes, shape (6,) or (T, 6); none if omitted.
-            loads: What the robot carries: `pepper_kin.collision.loads_of(pepper, scene, payload)`.
+            external: External force [N] and moment about the world's origin [N m] on the robot, in world
+                axes, shape (6,) or (T, 6); none if omitted.
+            loads: Carried loads: `pepper_kin.collision.loads_of(pepper, scene, payload)`.
 
         Raises:
-            InvalidValueError: for wrong shapes, NaN or infinity, or what are no loads.
+            InvalidValueError: for wrong shapes, NaN or infinity, or invalid loads.
             UnknownNameError: for a load at a frame that the robot lacks.
         """
         times = as_finite(time, "time", (None,))
@@ -231,7 +230,7 @@ class BalanceMonitor:
         """Return zero-moment point, its distances inside the edges, and the forces on three wheels.
 
         Args:
-            wrench: Of the floor on the robot, force [N], then moment [N m], shape (T, 6).
+            wrench: Wrench of the floor on the robot, force [N], then moment [N m], shape (T, 6).
             q: Joint positions [rad or m], shape (T, n).
 
         Returns:
@@ -259,8 +258,8 @@ class BalanceMonitor:
         """Return the first time at which the point is outside, None if there is none.
 
         Args:
-            time: [s], shape (T,).
-            distances: Of the point inside the edges [m], shape (T, k).
+            time: Times [s], shape (T,).
+            distances: Distances of the point inside the edges [m], shape (T, k).
         """
         margin = distances.min(axis=1)
         outside = np.flatnonzero(margin < 0)

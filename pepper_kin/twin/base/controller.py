@@ -1,4 +1,4 @@
-"""Velocity commands, followed within the limits of the base."""
+"""Velocity commands of the base, followed within its limits."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from pepper_kin.twin.base.omni_base import OmniBase
 
 
 class BaseController:
-    """Ramps the base's twist towards the last command and to rest when commands cease.
+    """Controller that ramps the base's twist towards the last command, and to rest when commands cease.
 
-    A command beyond the limits of velocity is scaled down (`OmniBase.limited`).  The twist then goes straight
-    towards it, as fast as both limits of acceleration allow.  Twists within the limits of velocity form a
-    convex set, so every twist on the way is within them too.
+    A command beyond the velocity limits is scaled down (`OmniBase.limited`).  The twist then moves straight
+    towards it, as fast as both acceleration limits allow.  Twists within the velocity limits form a convex
+    set, so that every twist on the way is within them too.
 
     Args:
         base: The wheels and their limits.
-        command_timeout: A command holds this long [s]; then the base brakes.
+        command_timeout: Time for which a command holds [s]; then the base brakes.
         count: Number of bases, N, whose poses and twists have shape (N, 3); one of shape (3,) if omitted.
 
     Raises:
@@ -40,14 +40,14 @@ class BaseController:
         self._age = np.full(self._many, np.inf)
 
     def reset(self, pose: ArrayLike = (0.0, 0.0, 0.0), *, rows: ArrayLike | None = None) -> None:
-        """Stand still, without a command.
+        """Reset the base to rest, without a command.
 
         Args:
-            pose: Where: x, y [m], yaw [rad], shape (3,), or one for each of k bases, shape (k, 3).
-            rows: Which of many bases: numbers, shape (k,), or a mask, shape (N,); all if omitted.
+            pose: Pose x, y [m], yaw [rad], shape (3,), or one for each of k bases, shape (k, 3).
+            rows: Indices of bases, shape (k,), or a mask, shape (N,); all if omitted.
 
         Raises:
-            InvalidValueError: for a wrong shape, NaN or infinity, or rows that there are not.
+            InvalidValueError: for a wrong shape, NaN or infinity, or rows that do not exist.
         """
         if not self._many:
             if rows is not None:
@@ -70,25 +70,25 @@ class BaseController:
 
     @property
     def pose(self) -> Array:
-        """Where the twists have led: x, y [m], yaw [rad], shape (..., 3)."""
+        """The present pose, integrated from the twists: x, y [m], yaw [rad], shape (..., 3)."""
         return read_only(self._pose)
 
     @property
     def stands(self) -> bool:
-        """Whether all bases stand, and are commanded to."""
+        """Whether all bases are at rest, and commanded to be."""
         commanded = self._holds() & self._target.any(axis=-1)
         return not commanded.any() and not self._twist.any()
 
     @property
     def wheel_speeds(self) -> Array:
-        """The speeds that the wheels have at the present twist [rad/s], shape (..., k)."""
+        """Speeds of the wheels at the present twist [rad/s], shape (..., k)."""
         return self.base.wheel_speeds(self._twist)
 
     def command(self, twist: ArrayLike) -> Array:
-        """Set the twist to go for, from now for `command_timeout`; return it within the limits.
+        """Set the target twist for the next `command_timeout`; return it within the limits.
 
         Args:
-            twist: (v_x, v_y, omega) in the base's axes [m/s, m/s, rad/s], shape (..., 3).
+            twist: Twist (v_x, v_y, omega) in the base's axes [m/s, m/s, rad/s], shape (..., 3).
 
         Raises:
             InvalidValueError: for a wrong shape, NaN or infinity.
@@ -98,12 +98,12 @@ class BaseController:
         return read_only(self._target)
 
     def step(self, timestep: float) -> Array:
-        """Advance by some time; return the new twist, shape (..., 3).
+        """Advance by a timestep; return the new twist, shape (..., 3).
 
         The pose moves along the arc of the mean of old and new twist.
 
         Args:
-            timestep: [s], above 0.
+            timestep: Time step [s], above 0.
 
         Raises:
             InvalidValueError: for a timestep that is not above 0.
@@ -117,9 +117,9 @@ class BaseController:
         return self.twist
 
     def braking_distance(self) -> Array:
-        """Return the way to rest from the present twist, along the arc [m], shape (...,).
+        """Return the braking distance from the present twist, along the arc [m], shape (...,).
 
-        The twist shrinks evenly to nothing, so the way is half the speed times the time that takes.
+        The twist decreases linearly to zero, so the distance is half the speed times the braking time.
         """
         speed, limits = np.hypot(self._twist[..., 0], self._twist[..., 1]), self.base.geometry
         turning = np.abs(self._twist[..., 2])
@@ -131,13 +131,13 @@ class BaseController:
 
 
 def ramped(base: OmniBase, twist: Array, target: Array, duration: float) -> Array:
-    """Return twists after some time on the straight way to others, as fast as both accelerations allow.
+    """Return twists after some time on the straight way to targets, as fast as acceleration limits allow.
 
     Args:
         base: The wheels and their limits.
-        twist: (v_x, v_y, omega) [m/s, m/s, rad/s], shape (..., 3).
-        target: The same, within the limits of velocity, shape (..., 3).
-        duration: [s].
+        twist: Present twists (v_x, v_y, omega) [m/s, m/s, rad/s], shape (..., 3).
+        target: Target twists within the velocity limits [m/s, m/s, rad/s], shape (..., 3).
+        duration: Time [s].
     """
     change, limits = target - twist, base.geometry
     need = np.maximum(
@@ -152,7 +152,7 @@ def world_velocity(twist: ArrayLike, yaw: float) -> Array:
 
     Args:
         twist: (v_x, v_y, omega) [m/s, m/s, rad/s], shape (..., 3).
-        yaw: Of the base [rad].
+        yaw: Yaw of the base [rad].
 
     Returns:
         (v_x, v_y) in the world [m/s] and omega [rad/s], shape (..., 3).

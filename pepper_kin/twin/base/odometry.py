@@ -10,18 +10,18 @@ from pepper_kin.exceptions import InvalidValueError
 from pepper_kin.model.joint_vectors import as_batch, as_finite, as_real, check_seed
 from pepper_kin.twin.base.omni_base import OmniBase
 
-_STRAIGHT = 1e-4  # [rad] below this the series is exact to the last bit
+_STRAIGHT = 1e-4  # angle below which the series is exact to the last bit [rad]
 
 
 def arc_moved(pose: ArrayLike, arc: ArrayLike) -> Array:
     """Return the pose at the end of an arc: a constant twist for the unit of time.
 
-    With w the angle turned, the way in the axes of the start is
+    With w the rotation angle, the displacement in the axes of the start is
         (sin(w)/w  -(1 - cos w)/w;  (1 - cos w)/w  sin(w)/w) (x, y),
     the exponential of the twist in the plane (Lynch and Park, Modern Robotics, 2017, 3.3.3).
 
     Args:
-        pose: x, y [m], yaw [rad], shape (..., 3).
+        pose: Initial pose x, y [m], yaw [rad], shape (..., 3).
         arc: Twist times duration: x, y [m], angle [rad], in the axes of the base, shape (..., 3).
 
     Returns:
@@ -49,8 +49,9 @@ def arc_between(start: ArrayLike, end: ArrayLike) -> Array:
     """Return the arc that leads from one pose to another, the inverse of `arc_moved`.
 
     Args:
-        start: x, y [m], yaw [rad], shape (..., 3).
-        end: The same; its yaw within less than a full turn of the start's.
+        start: Initial pose x, y [m], yaw [rad], shape (..., 3).
+        end: Final pose x, y [m], yaw [rad], shape (..., 3); its yaw is less than a full turn from the
+            start's.
 
     Returns:
         x, y [m], angle [rad] in the axes of the start, shape (..., 3).
@@ -72,15 +73,15 @@ def arc_between(start: ArrayLike, end: ArrayLike) -> Array:
 
 
 class Odometry:
-    """Pose estimated from the wheels' turns, exact along arcs except for the wheel slip that is modeled.
+    """Pose estimated from the wheels' rotation, exact along arcs except for modeled wheel slip.
 
     Args:
         base: The wheels.
-        pose: Where it starts: x, y [m], yaw [rad], shape (3,), or (N, 3) for many bases.
-        radius_error: Relative error of each wheel's radius as it is believed, one number or shape (k,), or of
-            those of many bases, (N, k).
-        wheel_slip: Standard deviation of each wheel's slip for a turn of one radian [rad]; it grows with the
-            square root of the turn.
+        pose: Initial pose x, y [m], yaw [rad], shape (3,), or (N, 3) for many bases.
+        radius_error: Relative error of each wheel's assumed radius, one number or shape (k,), or (N, k) for
+            many bases.
+        wheel_slip: Standard deviation of each wheel's slip for a rotation of one radian [rad]; it grows with
+            the square root of the rotation.
         seed: Seed of the slip, or a generator.
 
     Raises:
@@ -112,14 +113,14 @@ class Odometry:
 
     @property
     def pose(self) -> Array:
-        """The pose believed: x, y [m], yaw [rad], shape (..., 3)."""
+        """The estimated pose: x, y [m], yaw [rad], shape (..., 3)."""
         return self._pose
 
     def add(self, turns: ArrayLike) -> Array:
-        """Add what the wheels turned since the last time; return the new pose.
+        """Add the wheels' rotation since the last call; return the new pose.
 
         Args:
-            turns: Angles [rad], shape (..., k).
+            turns: Rotation angles of the wheels [rad], shape (..., k).
 
         Raises:
             InvalidValueError: for a wrong shape, NaN or infinity.

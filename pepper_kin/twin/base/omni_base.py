@@ -15,9 +15,9 @@ from pepper_kin.model.joint_vectors import as_batch
 class OmniBase:
     """A base on omnidirectional wheels, which roll about their axles and slide freely along them.
 
-    A twist is (v_x, v_y, omega): velocity of the base's origin in its own axes [m/s] and turning [rad/s].
-    A wheel at c with axle a (unit vector in the plane) and radius r rolls along t = (a_y, -a_x).  The floor
-    does not slide against it along t when
+    A twist is (v_x, v_y, omega): velocity of the base's origin in its own axes [m/s] and angular velocity
+    [rad/s].  A wheel at c with axle a (unit vector in the plane) and radius r rolls along t = (a_y, -a_x).
+    The floor does not slide against it along t when
         r w = t . (v + omega x c),
     which is one row of the map from twists to wheel speeds w.
 
@@ -25,11 +25,11 @@ class OmniBase:
         base: Pepper, for its wheels, or the geometry of another base; Pepper's by default.
 
     Attributes:
-        geometry: The wheels.
-        wheel_map: (k, 3), the map from twist to wheel speeds [rad/s], read-only.
+        geometry: Geometry of the wheels.
+        wheel_map: Map from twist to wheel speeds [rad/s], shape (k, 3), read-only.
 
     Raises:
-        InvalidValueError: for anything else.
+        InvalidValueError: for another type of base.
         UnknownNameError: for a robot without Pepper's wheels.
         ModelError: for wheels that leave some motion of the base undetermined.
     """
@@ -48,10 +48,10 @@ class OmniBase:
         self._inverse = np.linalg.pinv(rows)
 
     def wheel_speeds(self, twist: ArrayLike) -> Array:
-        """Return the speeds with which the wheels roll, shape (..., k) [rad/s].
+        """Return the rolling speeds of the wheels [rad/s], shape (..., k).
 
         Args:
-            twist: (v_x, v_y, omega) [m/s, m/s, rad/s], shape (..., 3).
+            twist: Twist (v_x, v_y, omega) [m/s, m/s, rad/s], shape (..., 3).
 
         Raises:
             InvalidValueError: for a wrong shape, NaN or infinity.
@@ -59,10 +59,10 @@ class OmniBase:
         return as_batch(twist, "twist", (3,)) @ self.wheel_map.T
 
     def body_twist(self, wheel_speeds: ArrayLike) -> Array:
-        """Return the twist that fits the wheels best, by least squares; with three wheels it fits exactly.
+        """Return the twist that fits the wheel speeds by least squares; with three wheels it fits exactly.
 
         Args:
-            wheel_speeds: [rad/s], or angles turned [rad] for a displacement, shape (..., k).
+            wheel_speeds: Wheel speeds [rad/s], or rotation angles [rad] for a displacement, shape (..., k).
 
         Returns:
             (v_x, v_y, omega) [m/s, m/s, rad/s], shape (..., 3).
@@ -73,11 +73,11 @@ class OmniBase:
         return as_batch(wheel_speeds, "wheel_speeds", (len(self.wheel_map),)) @ self._inverse.T
 
     def wheel_slip(self, twist: ArrayLike, wheel_speeds: ArrayLike) -> Array:
-        """Return how fast each wheel slides over the floor along its rolling direction, shape (..., k) [m/s].
+        """Return each wheel's sliding speed on the floor along its rolling direction [m/s], shape (..., k).
 
         Args:
-            twist: What the base does, shape (..., 3).
-            wheel_speeds: What the wheels do [rad/s], shape (..., k).
+            twist: Twist of the base [m/s, m/s, rad/s], shape (..., 3).
+            wheel_speeds: Speeds of the wheels [rad/s], shape (..., k).
 
         Raises:
             InvalidValueError: for a wrong shape, NaN or infinity.
@@ -86,12 +86,12 @@ class OmniBase:
         return self.geometry.wheel_radius * (self.wheel_speeds(twist) - turning)
 
     def limited(self, twist: ArrayLike) -> Array:
-        """Return a twist scaled down until velocity, turning and wheel speeds are within their limits.
+        """Return a twist scaled down to the limits of velocity, angular velocity and wheel speeds.
 
         The whole twist is scaled, so that the base follows the same arc.
 
         Args:
-            twist: (v_x, v_y, omega) [m/s, m/s, rad/s], shape (..., 3).
+            twist: Twist (v_x, v_y, omega) [m/s, m/s, rad/s], shape (..., 3).
 
         Raises:
             InvalidValueError: for a wrong shape, NaN or infinity.

@@ -29,7 +29,7 @@ from pepper_kin.twin.base.balance import BalanceMonitor, BalanceReport
 
 
 class TippingStatus(ResultStatus):
-    """How a tilting robot ended."""
+    """Status of a tilting robot."""
 
     STOOD = "stood", "All wheels stayed on the floor."
     ROCKED = "rocked", "It tilted and came back: slow the motion down, or time it with retime(balance=...)."
@@ -39,14 +39,14 @@ class TippingStatus(ResultStatus):
 
 @dataclass(frozen=True, eq=False)
 class TippingRun(FrozenArrays):
-    """How the robot tilted; arrays are read-only.
+    """Tilt of the robot over a motion; arrays are read-only.
 
     Attributes:
-        time: [s], shape (T,).
-        angle: Of the tilt, 0 level, shape (T,) [rad].
-        rate: shape (T,) [rad/s].
-        edge: Number of the edge that it tilts about, -1 while level, shape (T,).
-        status: How it ended.
+        time: Times [s], shape (T,).
+        angle: Tilt angle [rad], 0 if level, shape (T,).
+        rate: Tilt rate [rad/s], shape (T,).
+        edge: Index of the edge that the robot tilts about, -1 while level, shape (T,).
+        status: Status at the end.
         message: What happened, in words.
         position: Joint positions, shape (T, n) [rad or m].
         tilt: Transforms in the world that take the level robot to the tilted one, shape (T, 4, 4) [m]: a
@@ -69,15 +69,15 @@ class TippingRun(FrozenArrays):
 
 @dataclass(frozen=True, eq=False)
 class EdgeMoments(BriefRepr):
-    """The robot as a body that hinges on an edge, over a motion.
+    """The robot as a body that rotates about an edge, over a motion.
 
     Attributes:
-        inertia: About the edge, shape (T,) [kg m^2].
-        inside: Horizontal distance of the center of mass from the edge, towards the inside, shape (T,) [m].
-        height: Of the center of mass above the floor, shape (T,) [m].
+        inertia: Moment of inertia about the edge [kg m^2], shape (T,).
+        inside: Horizontal distance of the center of mass inside the edge [m], shape (T,).
+        height: Height of the center of mass above the floor [m], shape (T,).
         drive: Moment of the joints' motion (and of external forces) about the edge, positive outward,
             shape (T,) [N m].
-        weight: Of the robot, with what it carries [N].
+        weight: Weight of the robot with its loads [N].
     """
 
     inertia: Array
@@ -88,7 +88,7 @@ class EdgeMoments(BriefRepr):
 
 
 def edge_moments(monitor: BalanceMonitor, report: BalanceReport, q: ArrayLike, edge: int) -> EdgeMoments:
-    """Return what `simulate_tipping` integrates for one edge.
+    """Return the moments about one edge that `simulate_tipping` integrates.
 
     Args:
         monitor: The robot and its wheels.
@@ -136,7 +136,7 @@ def _all_moments(monitor: BalanceMonitor, report: BalanceReport, q: Array) -> Ed
 
 
 def _hinges(moments: EdgeMoments, shaped: Callable[[Array], Array], count: int) -> Hinges:
-    """Return moments of all edges as those of robots, each array in the shape (N, T, k)."""
+    """Return the moments of all edges for robots, each array with shape (N, T, k)."""
     parts = (moments.inertia, moments.inside, moments.height, moments.drive)
     inertia, inside, height, drive = (np.ascontiguousarray(shaped(part)) for part in parts)
     return Hinges(inertia, inside, height, drive, np.full(count, moments.weight))
@@ -152,7 +152,7 @@ def simulate_tipping(
     fallen_at: float = 1.2,
     substep: float = 1e-3,
 ) -> TippingRun:
-    """Follow a motion and let the robot tilt where the floor cannot hold it level.
+    """Simulate the tilt of the robot along a motion where the floor cannot hold it level.
 
     When the zero-moment point leaves the polygon, the whole robot turns about the edge that it left through,
     as one body with the mass distribution at that time, while the joints follow the motion.  With
@@ -172,7 +172,8 @@ def simulate_tipping(
         report: Balance over the motion, by `monitor.assess`.
         q: The same joint positions [rad or m], shape (T, n), T > 1.
         start: Edge, tilt [rad] and rate [rad/s] at the beginning, such as after a blow; level if omitted.
-        restitution: Share of the rate kept, reversed, when it comes back to level, 0 to less than 1.
+        restitution: Fraction of the rate kept, reversed, when the robot comes back to level, 0 to less than
+            1.
         fallen_at: Tilt that counts as fallen and ends the simulation [rad].
         substep: Longest step of the integration (Runge-Kutta, fourth order) [s].
 
@@ -232,15 +233,15 @@ class BatchTipping:
 
     Args:
         monitor: The robot and its wheels.
-        count: N.
-        loads: What all carry: `pepper_kin.collision.loads_of(pepper, scene, payload)`.
-        restitution: As for `simulate_tipping`.
-        fallen_at: The same; a robot that has fallen stays so until it is reset.
-        substep: The same.
+        count: Number N of robots.
+        loads: Loads that all robots carry: `pepper_kin.collision.loads_of(pepper, scene, payload)`.
+        restitution: Fraction of the rate kept, reversed, when a robot comes back to level, 0 to less than 1.
+        fallen_at: Tilt that counts as fallen [rad]; a fallen robot stays so until it is reset.
+        substep: Longest step of the integration [s].
 
     Attributes:
-        angle: Tilts [rad], shape (N,).
-        rate: [rad/s], shape (N,).
+        angle: Tilt angles [rad], shape (N,).
+        rate: Tilt rates [rad/s], shape (N,).
         edge: Edges that the robots tilt about, -1 for none, shape (N,).
 
     Raises:
@@ -272,10 +273,10 @@ class BatchTipping:
         return np.asarray(self.angle >= self._rules.fallen_at)
 
     def reset(self, rows: ArrayLike | None = None) -> None:
-        """Put all robots level, or some, by their numbers, shape (k,), or a mask, shape (N,).
+        """Reset all robots to level, or robots with indices, shape (k,), or a mask, shape (N,).
 
         Raises:
-            InvalidValueError: for rows that there are not.
+            InvalidValueError: for rows that do not exist.
         """
         places = np.arange(self.count) if rows is None else check_rows(rows, self.count)
         self.angle, self.rate, self.edge = self.angle.copy(), self.rate.copy(), self.edge.copy()
@@ -284,16 +285,16 @@ class BatchTipping:
     def step(
         self, q: ArrayLike, v: ArrayLike, a: ArrayLike, duration: float, external: ArrayLike | None = None
     ) -> BalanceReport:
-        """Let the robots tilt for a time, at whose end they move so.
+        """Advance the robots' tilts by a time, given their motion at its end.
 
-        In between the moments change evenly; in the first step after a reset they are those at its end.
+        The moments change linearly during the step; in the first step after a reset they are constant.
 
         Args:
-            q: Joint positions [rad or m], shape (N, n).
-            v: Joint velocities, shape (N, n).
-            a: Joint accelerations, shape (N, n).
-            duration: [s].
-            external: Of `BalanceMonitor.assess`, shape (N, 6).
+            q: Joint positions at the end [rad or m], shape (N, n).
+            v: Joint velocities at the end [rad/s or m/s], shape (N, n).
+            a: Joint accelerations at the end [rad/s^2 or m/s^2], shape (N, n).
+            duration: Time [s].
+            external: External force [N] and moment [N m], shape (N, 6); see `BalanceMonitor.assess`.
 
         Returns:
             Balance of the level robots, with one row for each.
@@ -363,7 +364,7 @@ def _whole_body(pepper: PepperModel, q: Array, loads: Loads) -> tuple[float, Arr
     Args:
         pepper: The robot.
         q: Joint positions [rad or m], shape (T, n).
-        loads: What the robot carries.
+        loads: Carried loads.
     """
     mass, center = total_mass(pepper), center_of_mass(pepper, q)
     inertia = centroidal_inertia(pepper, q)
@@ -392,7 +393,7 @@ def _checked(
         report: Balance over the motion.
         q: Joint positions [rad or m], to be of shape (T, n), T > 1.
         start: Edge, tilt [rad] and rate [rad/s] at the beginning.
-        restitution: Share of the rate kept.
+        restitution: Fraction of the rate kept.
     """
     rows = _checked_states(monitor, report, q)
     if len(rows) < 2:

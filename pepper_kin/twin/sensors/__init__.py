@@ -1,4 +1,4 @@
-"""Sensors of the robot: readings with noise, beside the truth.
+"""Sensors of the robot: readings with noise, together with the true values.
 
     SensorSuite                               all of Pepper's sensors; give it to `Twin(sensors=...)`
     SensorSpecification, sensor_specifications, Reading, ReadingSeries
@@ -7,7 +7,7 @@
     BatchRanges, BatchInertial, BatchDepth, BatchSwitches   sensors of many robots at once
     published_scan                            the three laser scans as one, as ROS publishes them
 
-Each reading holds the truth beside what the sensor says.
+Each reading holds the sensor's value and the true value.
 """
 
 from pepper_kin.call_errors import name_options

@@ -1,4 +1,4 @@
-"""Cameras as sensors of a suite: pictures with noise."""
+"""Cameras as sensors of a suite: images with noise."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from pepper_kin.twin.sensors.specification import SensorSpecification
 
 
 class _CameraSensor(ErringSensor):
-    """What a camera on the robot sees."""
+    """Base class of cameras on the robot."""
 
     uses_scene = True
 
@@ -29,7 +29,7 @@ class _CameraSensor(ErringSensor):
 
 
 class ColorCamera(_CameraSensor):
-    """A picture of 320 x 240 pixels."""
+    """A color image of 320 x 240 pixels."""
 
     shape = (240, 320, 3)
     dtype = np.uint8
@@ -39,7 +39,7 @@ class ColorCamera(_CameraSensor):
         return self.camera.color(state.q, state.scene)
 
     def measured(self, truth: NDArray[Any], sample: int) -> NDArray[np.uint8]:
-        """Return the picture, shape (240, 320, 3), with noise in each channel."""
+        """Return the image, shape (240, 320, 3), with noise in each channel."""
         noisy = self.noise.disturbed(truth.astype(float), sample)
         return np.clip(np.round(noisy), 0, 255).astype(np.uint8)
 
@@ -50,15 +50,15 @@ class DepthCamera(_CameraSensor):
     shape = (240, 320)
 
     def truth(self, state: SensedState) -> NDArray[np.float64]:
-        """Return the depths [m], inf where nothing is, shape (240, 320)."""
+        """Return the depths [m], inf without a surface, shape (240, 320)."""
         return self.camera.depth(state.q, state.scene)
 
     def measured(self, truth: NDArray[Any], sample: int) -> NDArray[np.float64]:
-        """Return depths whose noise grows with the square of the distance beyond the least.
+        """Return depths whose noise grows with the square of the distance beyond the minimum.
 
         Args:
             truth: Depths [m], shape (240, 320).
-            sample: Number of the sample.
+            sample: Index of the sample.
         """
         beyond = np.where(np.isfinite(truth), truth, 0.0) - self.specification.minimum
         deviation = self.specification.noise + self.specification.noise_growth * beyond**2

@@ -17,7 +17,7 @@ from pepper_kin.twin.sensors.specification import SensorSpecification
 
 
 class _InertialSensor(LinearSensor):
-    """Three numbers along the axes of a frame, cut off at the sensor's range."""
+    """Sensor of three components along the axes of a frame, clipped to the sensor's range."""
 
     shape = (3,)
 
@@ -53,7 +53,7 @@ class Gyroscope(_InertialSensor):
 class Orientation(ErringSensor):
     """The orientation of a frame in the world, as a unit quaternion x, y, z, w with w >= 0.
 
-    Bias and noise turn it by a small rotation vector in the frame's own axes [rad].
+    Bias and noise rotate it by a small rotation vector in the frame's own axes [rad].
     """
 
     shape = (4,)
@@ -71,14 +71,14 @@ class Orientation(ErringSensor):
 
         turn = self.noise.disturbed(np.zeros(3), sample)
         angle = math.sqrt(turn.dot(turn))
-        # sin(x/2)/x by its limit near 0, where there is no noise
+        # sin(x/2)/x, by its limit near 0
         share = 0.5 if angle < 1e-12 else np.sin(angle / 2) / angle
         extra = Quaternion(*np.array([np.cos(angle / 2), *(share * turn)]))
         return _upper((Quaternion(np.array(truth)) * extra).coeffs())
 
 
 def _upper(coefficients: Any) -> Array:
-    """Return the one of q and -q whose w is not negative, of length 1."""
+    """Return the unit quaternion q or -q whose w is not negative."""
     xyzw = np.array(coefficients, dtype=float)
     xyzw /= math.sqrt(xyzw.dot(xyzw))
     return -xyzw if xyzw[3] < 0 else xyzw

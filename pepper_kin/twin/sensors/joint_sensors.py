@@ -16,7 +16,7 @@ _BASE = ("BaseX", "BaseY", "BaseYaw")
 class JointEncoders(LinearSensor):
     """Positions of the joints, in the order of `joint_names`.
 
-    Nothing measures where a moving base is: its three joints have no encoder.
+    The pose of a moving base is not measured: its three joints have no encoder.
     """
 
     def __init__(self, pepper: PepperModel, specification: SensorSpecification, seed: int) -> None:

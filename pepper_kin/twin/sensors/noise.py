@@ -1,4 +1,4 @@
-"""Random numbers that depend on seed, sensor and sample alone, and noise made of them."""
+"""Random numbers that depend only on seed, sensor and sample, and the noise made from them."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ class SensorNoise:
     """The errors of one sensor.
 
     The numbers of sample k come from a counter-based generator (Philox; Salmon et al., Parallel random
-    numbers: as easy as 1, 2, 3, 2011) keyed by seed and name, with k in its counter: they are the same
-    whatever other sensors there are and whichever samples were taken before.
+    numbers: as easy as 1, 2, 3, 2011) keyed by seed and name, with k in its counter: they do not depend on
+        other sensors or previous samples.
 
     Args:
-        specification: The sensor.
+        specification: Specification of the sensor.
         seed: Seed of the suite.
     """
 
@@ -44,7 +44,7 @@ class SensorNoise:
         }
 
     def generator(self, sample: int) -> np.random.Generator:
-        """Return the generator of a sample; those of samples 0, 1, 2, ... share no numbers.
+        """Return the random generator of a sample; different samples share no numbers.
 
         There is one generator, whose counter is set for each sample.
         """
@@ -53,7 +53,7 @@ class SensorNoise:
         return self._random
 
     def bias(self, shape: tuple[int, ...]) -> Array:
-        """Return the errors that last, drawn once, in the sensor's unit."""
+        """Return the constant errors, drawn once, in the sensor's unit."""
         if shape not in self._biases:
             random = np.random.Generator(np.random.Philox(key=self._key, counter=[0, 0, 0, 1]))
             self._biases[shape] = self.specification.bias * random.standard_normal(shape)
@@ -63,9 +63,9 @@ class SensorNoise:
         """Return truth with bias and noise, rounded to the resolution.
 
         Args:
-            truth: What is there, in the sensor's unit, shape (...); infinities stay.
-            sample: Number of the sample.
-            deviation: Standard deviation of the noise, one number or of the truth's shape; that of the
+            truth: True values in the sensor's unit, shape (...); infinities stay.
+            sample: Index of the sample.
+            deviation: Standard deviation of the noise, one number or of the truth's shape; from the
                 specification if omitted.
         """
         noise = self.specification.noise if deviation is None else deviation
@@ -74,10 +74,10 @@ class SensorNoise:
 
 
 def rounded_to(step: float, values: Array) -> Array:
-    """Return values after rounding them, in place, to the nearest multiple of a step; a step of 0 is none.
+    """Return values rounded in place to the nearest multiple of a step; a step of 0 rounds nothing.
 
     Args:
-        step: In the unit of the values.
+        step: Step in the unit of the values.
         values: The values, shape (...).
     """
     if step:
@@ -88,11 +88,11 @@ def rounded_to(step: float, values: Array) -> Array:
 
 
 def within_range(minimum: float, maximum: float, distance: Array) -> Array:
-    """Return distances with -inf for what is too near and inf for what is too far (ROS's REP 117).
+    """Return distances, with -inf below the minimum and inf above the maximum (ROS's REP 117).
 
     Args:
-        minimum: Least distance that a sensor measures [m].
-        maximum: Greatest distance [m].
+        minimum: Minimum distance that a sensor measures [m].
+        maximum: Maximum distance that a sensor measures [m].
         distance: Distances [m], shape (...).
     """
     near = np.where(distance < minimum, -np.inf, distance)

@@ -1,4 +1,4 @@
-"""Wheel odometry: pose of the base from the turns of its wheels."""
+"""Wheel odometry: pose of the base from the rotation of its wheels."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from pepper_kin.twin.sensors.specification import SensorSpecification
 
 
 class WheelOdometry(ErringSensor):
-    """Pose and velocity of the base from the turns of its wheels.
+    """Pose and velocity of the base from the rotation of its wheels.
 
-    Between two samples the base is taken to move along an arc; the wheels turn as that arc needs, each with
-    its own error, and the arc that fits their turns is added to the pose.  Errors therefore grow with the way
-    and never while the base stands.  The first sample takes the true pose as its start.
+    Between two samples the base is assumed to move along an arc; the wheels rotate accordingly, each with its
+    own error, and the arc that fits their rotation is added to the pose.  Errors therefore grow with the
+    distance and not while the base rests.  The first sample takes the true pose as its start.
 
     Bias: relative error of each wheel's radius.  Noise: slip of each wheel, rad for the square root of the
-    angle turned.
+        rotation angle.
     """
 
     shape = (6,)
@@ -35,7 +35,7 @@ class WheelOdometry(ErringSensor):
         self.reset()
 
     def reset(self) -> None:
-        """Forget the way so far."""
+        """Reset the pose and the wheels' rotation."""
         self._before: Array | None = None
         self._yaw: float | None = None
         self._pose, self._turned, self._counted = np.zeros(3), np.zeros(3), np.zeros(3)
@@ -53,11 +53,11 @@ class WheelOdometry(ErringSensor):
         return np.array([*pose[:2, 3], yaw, *twist])
 
     def measured(self, truth: NDArray[Any], sample: int) -> Array:
-        """Return pose and velocity from disturbed turns of the wheels, shape (6,).
+        """Return pose and velocity from the disturbed rotation of the wheels, shape (6,).
 
         Args:
-            truth: x, y [m], yaw [rad] and twist [m/s, m/s, rad/s] of the base, shape (6,).
-            sample: Number of the sample.
+            truth: True x, y [m], yaw [rad] and twist [m/s, m/s, rad/s] of the base, shape (6,).
+            sample: Index of the sample.
         """
         place = np.asarray(truth[:3], dtype=float)
         if self._before is None:

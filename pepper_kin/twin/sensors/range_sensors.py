@@ -20,10 +20,10 @@ _ANGLES = 61
 
 
 class Beams:
-    """Rays of sensors that look past the same shapes, cast together; their sensors must have the same rate.
+    """Rays of several sensors that are cast together; the sensors must have the same rate.
 
     Args:
-        rays: What they may meet.
+        rays: Ray caster of the robot and its surroundings.
     """
 
     def __init__(self, rays: RobotRays) -> None:
@@ -33,12 +33,12 @@ class Beams:
         self._state: SensedState | None = None
 
     def add(self, frame: str, directions: Array, height: float) -> slice:
-        """Return where the distances of new rays stand.
+        """Add rays; return the slice of their distances.
 
         Args:
-            frame: What they start from.
-            directions: Unit vectors in its axes, shape (k, 3).
-            height: Where on its z axis [m].
+            frame: Name of the frame that they start from.
+            directions: Unit vectors in the frame's axes, shape (k, 3).
+            height: Height of the origin on the frame's z axis [m].
         """
         count = len(self._origins)
         part = slice(count, count + len(directions))
@@ -47,7 +47,7 @@ class Beams:
         return part
 
     def distances(self, state: SensedState) -> Array:
-        """Return how far it is along all rays [m], inf where nothing is."""
+        """Return the distances along all rays [m], inf without a surface."""
         if state is not self._state:
             for frame, directions, height, part in self._fans:
                 pose = state.pose(frame)
@@ -102,7 +102,7 @@ class Laser(_RangeSensor):
         self._part = beams.add(specification.frame, fan(half, specification.beams), specification.height)
 
     def truth(self, state: SensedState) -> Array:
-        """Return the distances [m], inf where nothing is there, shape (beams,)."""
+        """Return the distances [m], inf without a surface, shape (beams,)."""
         return self._beams.distances(state)[self._part]
 
 
@@ -110,7 +110,7 @@ def fan(half_angle: float, beams: int) -> Array:
     """Return unit vectors about x in its plane with y, from right to left, shape (beams, 3).
 
     Args:
-        half_angle: From the axis to the first and the last [rad].
+        half_angle: Angle from the axis to the first and the last vector [rad].
         beams: Number of vectors.
     """
     angles = np.linspace(-half_angle, half_angle, beams)
@@ -121,7 +121,7 @@ def cone(half_angle: float, rings: int = _RINGS) -> Array:
     """Return unit vectors that fill a cone about x: one on the axis, 6 k on the k-th ring, shape (m, 3).
 
     Args:
-        half_angle: From the axis to the last ring [rad].
+        half_angle: Angle from the axis to the last ring [rad].
         rings: Number of rings.
     """
     directions = [np.array([[1.0, 0.0, 0.0]])]
@@ -133,7 +133,7 @@ def cone(half_angle: float, rings: int = _RINGS) -> Array:
 
 
 def published_scan(pepper: PepperModel, right: ArrayLike, front: ArrayLike, left: ArrayLike) -> Array:
-    """Return three lasers as the robot's ROS driver publishes them.
+    """Return three laser scans as one, in the form of the robot's ROS driver.
 
     15 beams of the right one, 8 blanks, 15 of the front one, 8 blanks, 15 of the left one.
 

@@ -21,11 +21,11 @@ class Reading(FrozenArrays):
     """One sample of one sensor; arrays are read-only.
 
     Attributes:
-        time: Of the state that was measured [s].
-        value: What the sensor says.
-        truth: What an ideal sensor would have said, of the same shape.
-        unit: Unit of both.
-        frame: The frame that they are expressed in or measured from; empty for values per joint.
+        time: Time of the measured state [s].
+        value: Reading of the sensor.
+        truth: Reading of an ideal sensor, of the value's shape.
+        unit: Unit of value and truth.
+        frame: Frame that the values are expressed in or measured from; empty for values per joint.
     """
 
     time: float
@@ -41,25 +41,25 @@ class Reading(FrozenArrays):
 
     @property
     def error(self) -> NDArray[np.float64]:
-        """Value minus truth; 0 where both are the same infinity."""
+        """Value minus truth; 0 if both are the same infinity."""
         value, truth = self.value.astype(float), self.truth.astype(float)
         with np.errstate(invalid="ignore"):
             return np.where(value == truth, 0.0, value - truth)
 
 
 class Surroundings(Protocol):
-    """A world that moves: where its bodies are now, and what they touch."""
+    """A moving world: its present scene and contacts."""
 
     @property
     def contacts(self) -> Sequence[Any]:
-        """Where things touch; see `SensorSuite.read`."""
+        """Present contacts; see `SensorSuite.read`."""
 
     def snapshot(self) -> Scene:
-        """Return the scene as it is now."""
+        """Return the present scene."""
 
 
 class StillWorld(NamedTuple):
-    """A world as it is at one time."""
+    """A world at one time."""
 
     scene: Scene
     contacts: Sequence[Any]
@@ -70,15 +70,15 @@ class StillWorld(NamedTuple):
 
 
 class SensedState:
-    """The state of robot and world that sensors look at; what nobody asks for is not computed.
+    """State of robot and world for sensors; quantities are computed at their first use.
 
     Args:
         pepper: The robot.
-        time: [s].
+        time: Time [s].
         vectors: Joint positions [rad or m], velocities, accelerations, and torques of the servos [N m or N],
             shape (n,) each.
-        world: What is around the robot, as it is now.
-        frames: Frames whose poses will be asked for, which are found all at once.
+        world: Present world around the robot.
+        frames: Names of frames whose poses will be needed, which are computed together.
     """
 
     def __init__(
@@ -108,12 +108,12 @@ class SensedState:
 
     @cached_property
     def contacts(self) -> Sequence[Any]:
-        """Where the robot is touched; see `SensorSuite.read`."""
+        """Contacts of the robot; see `SensorSuite.read`."""
         return self._world.contacts
 
 
 def touched(contact: Any, links: Container[str]) -> list[tuple[str, NDArray[np.float64]]]:
-    """Return which of some links a contact touches, each with its point.
+    """Return the links that a contact touches, of given ones, each with its point.
 
     Args:
         contact: With `links` and `points`, as `pepper_kin.collision.Contact` has (points may be None, where

@@ -16,11 +16,11 @@ class ReadingSeries(FrozenArrays):
     """The samples of one sensor, in order; arrays are read-only.
 
     Attributes:
-        time: Of each sample [s], shape (k,).
-        value: What the sensor said, shape (k, ...).
-        truth: What an ideal sensor would have said, shape (k, ...).
-        unit: Unit of both.
-        frame: The frame that they are expressed in or measured from; empty for values per joint.
+        time: Time of each sample [s], shape (k,).
+        value: Readings of the sensor, shape (k, ...).
+        truth: Readings of an ideal sensor, shape (k, ...).
+        unit: Unit of value and truth.
+        frame: Frame that the values are expressed in or measured from; empty for values per joint.
     """
 
     time: NDArray[np.float64]

@@ -15,16 +15,16 @@ from pepper_kin.twin.sensors.specification import SensorSpecification
 
 
 class Sensor(ABC):
-    """One sensor: the truth of a state.
+    """A sensor, with the true value for a state.
 
     Args:
         pepper: The robot.
-        specification: Its numbers.
+        specification: Specification of the sensor.
         seed: Seed of the suite.
 
     Attributes:
-        shape: Of its readings.
-        dtype: Of their numbers.
+        shape: Shape of its readings.
+        dtype: Type of the readings' numbers.
         uses_scene: Whether it measures the surroundings of the robot.
 
     Raises:
@@ -43,18 +43,18 @@ class Sensor(ABC):
 
     @abstractmethod
     def truth(self, state: SensedState) -> NDArray[Any]:
-        """Return what an ideal sensor would say."""
+        """Return the reading of an ideal sensor."""
 
     def reset(self) -> None:  # noqa: B027 - most sensors remember nothing
-        """Forget what earlier states left behind."""
+        """Clear the memory of earlier states."""
 
 
 class LinearSensor(Sensor):
-    """A sensor that says truth + bias + noise, rounded to its resolution, as far as its range reaches.
+    """A sensor whose reading is truth + bias + noise, rounded to its resolution and limited to its range.
 
     Attributes:
-        clipped: Lowest and highest reading; what is beyond is cut off there.
-        in_range: Least and greatest distance; -inf stands for less, inf for more (ROS's REP 117).
+        clipped: Minimum and maximum reading, to which readings are clipped.
+        in_range: Minimum and maximum distance; -inf stands for less, inf for more (ROS's REP 117).
     """
 
     clipped: tuple[float, float] = (-np.inf, np.inf)
@@ -65,20 +65,20 @@ class ErringSensor(Sensor):
     """A sensor with errors of another kind.
 
     Attributes:
-        exact: Whether it has none, and says the truth.
+        exact: Whether the sensor has no errors, so that the reading is the truth.
     """
 
     exact: bool = False
 
     @abstractmethod
     def measured(self, truth: NDArray[Any], sample: int) -> NDArray[Any]:
-        """Return this sensor's reading of a truth.
+        """Return this sensor's reading of a true value.
 
         Args:
-            truth: In the sensor's unit, of the sensor's `shape`.
-            sample: Number of the sample.
+            truth: True value in the sensor's unit, of the sensor's `shape`.
+            sample: Index of the sample.
         """
 
     def limited(self, value: NDArray[Any]) -> NDArray[Any]:
-        """Return a value, of the sensor's `shape`, as far as the sensor's range reaches."""
+        """Return a value, of the sensor's `shape`, limited to the sensor's range."""
         return value

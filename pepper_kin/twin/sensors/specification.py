@@ -15,26 +15,26 @@ from pepper_kin.exceptions import InvalidValueError
 
 @dataclass(frozen=True)
 class SensorSpecification:
-    """One sensor; `dataclasses.replace` gives one with other numbers.
+    """Specification of a sensor; `dataclasses.replace` returns one with other values.
 
     Attributes:
-        name: Its name in the suite.
-        kind: What it measures: "joint_encoders", "joint_torques", "accelerometer", "gyroscope",
+        name: Name of the sensor in the suite.
+        kind: Kind of the sensor: "joint_encoders", "joint_torques", "accelerometer", "gyroscope",
             "orientation", "sonar", "laser", "switch", "wheel_odometry", "color_camera" or "depth_camera".
-        frame: Frame of the robot that it sits in; empty for values per joint.
-        rate: Samples per second [Hz].
-        unit: Of its readings.
-        source: Where the numbers come from, or "assumed".
+        frame: Frame of the robot that it is mounted on; empty for values per joint.
+        rate: Sampling rate [Hz].
+        unit: Unit of its readings.
+        source: Source of the numbers, or "assumed".
         noise: Standard deviation of each sample, in its unit (orientation: rad).
         bias: Standard deviation of the error drawn once per seed, in its unit (orientation: rad).
-        resolution: Readings are multiples of it; 0 for none.
-        minimum: Nothing nearer is measured [m].
-        maximum: Nothing farther or greater is measured, in its unit.
+        resolution: Resolution of readings, in its unit; 0 for none.
+        minimum: Minimum distance that is measured [m].
+        maximum: Maximum distance or value that is measured, in its unit.
         field_of_view: Full angle of cone or fan [rad].
-        beams: Of a laser.
-        height: Of a laser's beams above its frame [m].
-        noise_growth: Of a depth camera, added noise for the square of the distance beyond the minimum [1/m].
-        error_rate: Share of a switch's samples that are wrong.
+        beams: Number of beams of a laser.
+        height: Height of a laser's beams above its frame [m].
+        noise_growth: Additional noise of a depth camera per squared distance beyond the minimum [1/m].
+        error_rate: Fraction of a switch's samples that are wrong.
         pad: Full lengths of the box that presses a switch, in its frame [m].
     """
 
@@ -60,7 +60,7 @@ class SensorSpecification:
         """Check the numbers.
 
         Raises:
-            InvalidValueError: naming sensor and quantity.
+            InvalidValueError: for a value that is not allowed, naming sensor and quantity.
         """
         if not (math.isfinite(self.rate) and self.rate > 0):
             raise InvalidValueError(f"rate of {self.name}", self.rate, "a finite number above 0 [Hz]")

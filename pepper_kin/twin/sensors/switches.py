@@ -19,20 +19,20 @@ from pepper_kin.twin.sensors.sensor import ErringSensor
 from pepper_kin.twin.sensors.specification import SensorSpecification
 
 CONTACT_REACH = 0.01
-"""A contact presses a pad from this far outside of it [m]: shapes of the body lie around its surface."""
+"""Distance outside a pad at which a contact presses it [m]: shapes of the body enclose its surface."""
 
 ROUNDING = 1e-6
-"""Objects that are farther than this from reaching a pad are not looked at more closely [m]."""
+"""Distance from a pad beyond which objects are not checked more closely [m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class SolidShape:
-    """A shape of a scene as coal knows it.
+    """A shape of a scene with its shape in coal.
 
     Attributes:
-        geometry: The shape.
-        shape: Coal's.
-        padding: How far it reaches beyond [m].
+        geometry: Geometry in the scene.
+        shape: Shape in coal.
+        padding: Distance by which the geometry extends beyond coal's shape [m].
         middle: Center of a box around it, in its own axes [m], shape (3,).
         half: Half lengths of that box, without the padding [m], shape (3,).
     """
@@ -47,7 +47,7 @@ class SolidShape:
 class Pads:
     """Boxes about frames of the robot that are pressed by objects of the scene and by contacts.
 
-    All are looked at together, so that their sensors must have the same rate.
+    All pads are checked together, so that their sensors must have the same rate.
 
     Args:
         pepper: The robot.
@@ -65,11 +65,11 @@ class Pads:
         self._boxes = Boxes(np.empty((0, 4, 4)), np.empty((0, 3)), np.empty((0, 3)), np.empty(0))
 
     def add(self, frame: str, size: tuple[float, float, float]) -> int:
-        """Return the number of a new pad.
+        """Add a pad; return its index.
 
         Args:
-            frame: Its middle and axes.
-            size: Full lengths [m].
+            frame: Name of the frame at its center, with its axes.
+            size: Full lengths of the pad [m].
         """
         import coal
 

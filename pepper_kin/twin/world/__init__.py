@@ -1,6 +1,6 @@
-"""Contacts of a robot and of free bodies with one another and with a scene.
+"""Contacts of a robot and of free bodies with each other and with a scene.
 
-    World, FreeBody                           boxes and balls that move; give it to `Twin(world=...)`
+    World, FreeBody                           boxes and spheres that move; give it to `Twin(world=...)`
     WorldContact, StepSolution, ContactError
 
 A world is given to a twin, or steps by itself with `World.advance_alone`.

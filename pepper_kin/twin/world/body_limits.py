@@ -1,4 +1,4 @@
-"""Limits on what free bodies may be: beyond these, rounding could let a body fall through a floor."""
+"""Limits of free bodies, beyond which rounding could let a body fall through a floor."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from pepper_kin.model.joint_vectors import as_finite, check_positive
 
 SIZES = (1e-6, 1e3)  # [m]
 MASSES = (1e-15, 1e6)  # [kg]
-LARGEST_RATIO = 1e5  # of two masses: something this much heavier presses a light body into the floor
+LARGEST_RATIO = 1e5  # maximum ratio of two masses: a heavier body presses a light one into the floor
 FARTHEST = 1e5  # [m]
 FASTEST = 1e5  # [m/s and rad/s]
 ROUGHEST = 100.0  # coefficient of friction
 
 
 def check_size(quantity: str, value: float, share: float = 1.0) -> float:
-    """Return a length [m] if it is a number from 1e-6 to 1e3; a radius is a share of one half.
+    """Return a length [m] if it is a number from 1e-6 to 1e3; for a radius, `share` is one half.
 
     Raises:
         InvalidValueError: otherwise, as all functions here.
@@ -37,9 +37,9 @@ def check_ratio(name: str, mass: float, others: Mapping[str, float]) -> None:
     """Refuse a body whose mass and that of another thing are too different.
 
     Args:
-        name: Of the body.
-        mass: [kg].
-        others: Name -> mass of what else moves [kg].
+        name: Name of the body.
+        mass: Mass of the body [kg].
+        others: Name -> mass of each other moving body [kg].
     """
     for other, weight in others.items():
         if max(mass, weight) > LARGEST_RATIO * min(mass, weight):

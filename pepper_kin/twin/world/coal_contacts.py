@@ -12,7 +12,7 @@ from pepper_kin.twin.world.colliders import Colliders
 
 
 class CoalContacts:
-    """Decides pairs of shapes that the compiled narrow phase leaves open.
+    """Contacts of pairs of shapes that the compiled narrow phase cannot decide.
 
     Args:
         shapes: The shapes.
@@ -27,13 +27,13 @@ class CoalContacts:
         self._place = (coal.Transform3s(), coal.Transform3s())
 
     def decide(self, pair: tuple[int, int], h: float, points: ContactPoints, row: int) -> int:
-        """Write the contact of two shapes where it is near enough for a step; return how many there are.
+        """Write the contact of two shapes if it is near enough for a step; return the number of contacts.
 
         Args:
             pair: Rows of the shapes.
             h: Length of the step [s].
-            points: Written.
-            row: Where.
+            points: Receives the contact.
+            row: Row of the contact in `points`.
         """
         (i, j), table, pads = pair, self._shapes.table, self._shapes.pads
         shapes = (self._shapes.coal_shape(i), self._shapes.coal_shape(j))

@@ -1,4 +1,4 @@
-"""All shapes of a world as one table, and which pairs of them may meet."""
+"""All shapes of a world as one table, and the pairs of shapes that may touch."""
 
 from __future__ import annotations
 
@@ -29,19 +29,19 @@ from pepper_kin.model import Box, Capsule, Cylinder, PepperModel, Sphere
 from pepper_kin.twin.world.free_body import FreeBody
 
 ROUNDED = 2e-4
-"""Corners in coal's shapes are rounded by this at most, so that shapes that touch are apart to it [m]."""
+"""Maximum rounding radius of corners in coal's shapes, so that touching shapes are still separate [m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Colliders:
-    """One row for each shape.
+    """Shapes of a world, one row for each.
 
     Attributes:
-        names: Link or object that each belongs to.
-        table: The rows.
-        geometries: The shapes.
-        pads: How far each reaches beyond its shape in coal [m].
-        coal: Coal's shape of each, made when first needed.
+        names: Name of the link or object that each shape belongs to.
+        table: Table of the shapes.
+        geometries: Geometry of each shape.
+        pads: Distance by which each shape extends beyond its shape in coal [m].
+        coal: Row -> coal's shape, created at its first use.
     """
 
     names: tuple[str, ...]
@@ -84,9 +84,9 @@ class _Row:
 def colliders(
     pepper: PepperModel | None, scene: Scene, bodies: Sequence[FreeBody], friction: float
 ) -> Colliders:
-    """Return the shapes of a robot, a scene and bodies; `friction` is that of all but the bodies.
+    """Return the shapes of a robot, a scene and bodies; `friction` is the coefficient of all but the bodies.
 
-    Bodies that are movers of the scene go on whatever they meet, and meet nothing that stands.
+    Bodies that are movers of the scene are not stopped by contacts, and do not collide with static obstacles.
     """
     rows = [*_fixed_rows(pepper, scene.standing)]
     for place, body in enumerate(bodies):
@@ -144,7 +144,7 @@ def _fixed_rows(pepper: PepperModel | None, scene: Scene) -> Iterator[_Row]:
 
 
 def _shape(geometry: SceneGeometry) -> tuple[Any, float]:
-    """Return a shape as a row has it, and how far it reaches beyond [m]."""
+    """Return the geometry of a row, and the distance by which the shape extends beyond it [m]."""
     if isinstance(geometry, Box | Sphere | Capsule | Cylinder | HalfSpace):
         return geometry, 0.0
     return coal_geometry(geometry), padding(geometry)
@@ -158,7 +158,7 @@ def _geometry_of(body: CollisionBody, shapes: Iterator[Any], scene: Scene) -> An
 
 
 def _pairs(rows: list[_Row], scene: Scene) -> Iterator[tuple[int, int]]:
-    """Yield pairs of which one moves, except the robot's own and those that the scene allows to touch."""
+    """Yield pairs in which a shape moves, except pairs of the robot's own shapes and allowed pairs."""
     for i, first in enumerate(rows):
         for j in range(i + 1, len(rows)):
             second = rows[j]
@@ -171,12 +171,12 @@ def _pairs(rows: list[_Row], scene: Scene) -> Iterator[tuple[int, int]]:
 
 
 def _none_yields(first: _Row, second: _Row) -> bool:
-    """Whether both go on whatever they meet, or stand."""
+    """Whether neither body yields: each is static or a mover of the scene."""
     return all(row.driven or row.mover == STANDS for row in (first, second))
 
 
 def _measure(geometry: Any) -> tuple[int, tuple[float, float, float], Array]:
-    """Return kind, lengths and bounding ball."""
+    """Return kind, lengths and bounding sphere of a geometry."""
     match geometry:
         case Sphere():
             return BALL, (geometry.radius, 0.0, 0.0), np.array([0, 0, 0, geometry.radius])

@@ -9,14 +9,14 @@ from pepper_kin.arrays import Array, BriefRepr, FrozenArrays, read_only
 
 @dataclass(frozen=True, eq=False)
 class WorldContact(FrozenArrays):
-    """A point where two things touched, or could have, during the last step.  Arrays are read-only.
+    """A point where two bodies touched, or could have touched, during the last step.  Arrays are read-only.
 
     Attributes:
-        names: Links of the robot or objects; what moves more freely comes first.
-        point: In the world [m], shape (3,).
-        normal: Unit vector from the second to the first, shape (3,).
-        gap: Between the surfaces before the step [m], below zero where they overlap.
-        force: On the first, during the step [N], shape (3,); on the second it is the opposite.
+        names: Names of the robot's links or objects; the one that moves more freely comes first.
+        point: Contact point in the world [m], shape (3,).
+        normal: Unit vector from the second body to the first, shape (3,).
+        gap: Gap between the surfaces before the step [m], below zero if they overlap.
+        force: Force on the first body during the step [N], shape (3,); opposite on the second body.
     """
 
     names: tuple[str, str]
@@ -33,13 +33,13 @@ class WorldContact(FrozenArrays):
 
 @dataclass(frozen=True, eq=False)
 class StepSolution(BriefRepr):
-    """Velocities after a step, and the impulses that made them.
+    """Velocities after a step, and the contact impulses.
 
     Attributes:
-        velocity: u, shape (N,).
+        velocity: Velocities u, shape (N,).
         impulses: Normal, first and second tangent of each point [N s], shape (3 k,).
-        solver: Who found them.
-        problems: Convex problems solved.
+        solver: Name of the solver.
+        problems: Number of convex problems solved.
         coulomb_error: Normal velocity by which sliding contacts deviate from Coulomb's law [m/s].
     """
 

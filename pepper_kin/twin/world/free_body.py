@@ -1,4 +1,4 @@
-"""Free bodies: a rigid box or ball, or a mover of the scene, and its state."""
+"""Free bodies: a rigid box or sphere, or a mover of the scene, and its state."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from pepper_kin.model import Box, Sphere
 
 @dataclass(frozen=True, eq=False)
 class FreeBody(FrozenArrays):
-    """A rigid body of even density, and its state.  Arrays are read-only.
+    """A rigid body of uniform density, and its state.  Arrays are read-only.
 
     Attributes:
-        name: Its name.
-        geometry: Its shape, centered at its frame.
-        mass: [kg].
+        name: Name of the body.
+        geometry: Shape of the body, centered at its frame.
+        mass: Mass [kg].
         inertia: Principal moments about the axes of its frame [kg m^2], shape (3,).
-        friction: Coefficient; of two things that touch, the geometric mean counts.
+        friction: Coefficient of friction; the geometric mean of both bodies' coefficients counts.
         pose: `transform_body_to_world`, shape (4, 4).
-        velocity: Of its center [m/s], then of its turning [rad/s], both in the world, shape (6,).
+        velocity: Velocity of its center [m/s], then angular velocity [rad/s], in world axes, shape (6,).
     """
 
     name: str
@@ -39,7 +39,7 @@ class FreeBody(FrozenArrays):
 
     @property
     def position(self) -> Array:
-        """Of its center in the world [m], shape (3,), read-only."""
+        """Position of its center in the world [m], shape (3,), read-only."""
         return self.pose[:3, 3]
 
     @property
@@ -52,14 +52,14 @@ class FreeBody(FrozenArrays):
 
     @property
     def kinetic_energy(self) -> float:
-        """Of moving and turning, m v^2 / 2 + w . I w / 2 [J]."""
+        """Kinetic energy of translation and rotation, m v^2 / 2 + w . I w / 2 [J]."""
         turning = self.pose[:3, :3].T @ self.velocity[3:]
         moving = self.velocity[:3]
         return float(self.mass * moving @ moving + self.inertia @ turning**2) / 2
 
 
 def principal_inertia(geometry: Box | Sphere, mass: float) -> Array:
-    """Return the principal moments of a body of even density [kg m^2], shape (3,)."""
+    """Return the principal moments of inertia of a body of uniform density [kg m^2], shape (3,)."""
     if isinstance(geometry, Sphere):
         return np.full(3, 0.4 * mass * geometry.radius**2)
     squares = np.square(geometry.size)

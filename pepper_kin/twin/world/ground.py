@@ -10,14 +10,15 @@ from pepper_kin.model import PepperModel
 from pepper_kin.model.wheels import BASE_JOINTS
 
 NEAR = 1e-3
-"""Gap up to which a part of the base stands on what is below it [m]."""
-_STEEP = 0.7  # least vertical part of a normal
+"""Maximum gap at which a part of the base stands on a body below it [m]."""
+_STEEP = 0.7  # minimum vertical component of a contact normal
 
 
 def standing_on_ground(pepper: PepperModel, scene: Scene) -> Scene:
-    """Return a scene in which the base may touch what it stands on: the base cannot yield upwards.
+    """Return a scene in which the base may touch the ground under it, since the base cannot yield upwards.
 
-    Joints of a planar base slide and turn on the ground, so no contact force changes how it lies on it.
+    The joints of a planar base move only on the ground, so no contact force changes how the base stands on
+    it.
 
     Args:
         pepper: The robot, in its neutral posture.

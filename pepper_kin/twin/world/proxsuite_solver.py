@@ -1,4 +1,4 @@
-"""The contact problem solved as a quadratic program for impulses, by proxsuite."""
+"""Contact solver by a quadratic program for impulses with proxsuite."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ class ImpulseProblem(NamedTuple):
     """A convex problem of k points and N velocities; see `core.simulation.contact_solver.ContactProblem`.
 
     Attributes:
-        jacobian: Rows normal, first and second tangent of each point, shape (3 k, N).
-        response: J M^-1, shape (3 k, N).
+        jacobian: Jacobian J with rows normal, first and second tangent of each point, shape (3 k, N).
+        response: Matrix J M^-1, shape (3 k, N).
         free: Velocities without contact, shape (N,).
-        compliance: R of each point's edges, shape (k,).
-        bias: With the share of the sliding speeds, shape (k,).
-        friction: mu, shape (k,).
+        compliance: Compliance R of each point's edges, shape (k,).
+        bias: Bias of each point, including the contribution of sliding speeds, shape (k,).
+        friction: Coefficient of friction mu of each point, shape (k,).
     """
 
     jacobian: Array
@@ -52,10 +52,9 @@ class ImpulseProgram:
     """Minimize f^T (A + R) f / 2 + f^T b over f >= 0, an impulse along each edge of the friction pyramids.
 
     With D the edges of all points (normal + mu tangent, normal - mu tangent, the same for the other tangent)
-    in terms of their normals and tangents: A = D J M^-1 J^T D^T, b = D J u_free + bias.  Rows are
-        scaled by
-    the root of their diagonal.  One ProxQP object is kept for each number of points and started where it
-    ended.
+    in terms of their normals and tangents: A = D J M^-1 J^T D^T, b = D J u_free + bias.  Rows are scaled by
+    the root of their diagonal.  One ProxQP object is kept for each number of points, and started from its
+    last result.
 
     Bambade et al., ProxQP: an efficient and versatile quadratic programming solver for real-time robotics
     applications and beyond (2023).
@@ -89,7 +88,7 @@ class ImpulseProgram:
         solved = solver.results.info.status == library.QPSolverOutput.PROXQP_SOLVED
         forces = scale * np.maximum(solver.results.x, 0.0)
         if not (solved and np.isfinite(forces).all()):
-            self._kept.pop(count)  # the next start is a cold one
+            self._kept.pop(count)  # the next call starts cold
             return None
         return np.einsum("ke,kei->ki", forces.reshape(count, 4), edges).ravel()
 
@@ -111,7 +110,7 @@ def _edge_rows(edges: Array, rows: Array) -> Array:
     """Return rows of the edges, shape (4 k, N).
 
     Args:
-        edges: Of each point's pyramid, shape (k, 4, 3).
-        rows: Of normal, first and second tangent of each point, shape (3 k, N).
+        edges: Edges of each point's pyramid, shape (k, 4, 3).
+        rows: Rows of normal, first and second tangent of each point, shape (3 k, N).
     """
     return np.einsum("kei,kin->ken", edges, rows.reshape(len(edges), 3, -1)).reshape(4 * len(edges), -1)

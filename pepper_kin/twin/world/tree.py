@@ -12,7 +12,7 @@ from pepper_kin.model import PepperModel
 
 
 def tree_table(pepper: PepperModel | None) -> TreeTable:
-    """Return the tree of a robot; of None, the world alone."""
+    """Return the tree of a robot; for None, only the world."""
     joints = np.zeros((1, JOINT)) if pepper is None else joint_table(pepper)
     count = len(joints)
     tree = TreeTable(joints, np.full(count, -1, np.int64), np.zeros(count), np.zeros(count))
@@ -29,15 +29,15 @@ def tree_table(pepper: PepperModel | None) -> TreeTable:
 
 
 def levers_of(pepper: PepperModel | None, tree: TreeTable, radius: Array) -> Array:
-    """Return by how much any point moves at most when a joint of the robot does [m/rad or 1], shape (n,).
+    """Return bounds on how far any point moves per motion of each joint [m/rad or 1], shape (n,).
 
-    For a joint that turns this is the longest chain of links from it, stretched, to a point; sliding joints
-    on the way count with their greatest travel.
+    For a revolute joint, the bound is the length of the longest stretched chain of links to a point;
+    prismatic joints on the way count with their maximum travel.
 
     Args:
         pepper: The robot; None for none.
-        tree: Its tree of m joints.
-        radius: How far the shapes of each joint reach from its origin [m], shape (m,).
+        tree: The robot's tree of m joints.
+        radius: Maximum distance of the shapes of each joint from its origin [m], shape (m,).
     """
     if pepper is None:
         return np.zeros(0)
