@@ -1,4 +1,4 @@
-"""What data sets cost, and what kills do to them."""
+"""What datasets cost, and what kills do to them."""
 
 import itertools
 import os
@@ -170,7 +170,7 @@ PARTS["scaling"] = (scaling, 200)
 
 @figures("datasets.md", "the extra `datasets`", count=20, parts=("rows", "motions", "writer"))
 def data_sets(parts: tuple[str, ...] = tuple(PARTS), count: int = 0) -> Iterator[str]:
-    """What data sets cost, and what kills do to them, in a temporary folder.
+    """What datasets cost, and what kills do to them, in a temporary folder.
 
     Parts are rows, motions, writer, kills (50 workers in 1,000 shards) and scaling; a count is that of rows,
     motions, episodes or shards.  `tests/zoo/read_by_lerobot.py` counts what lerobot reads.

@@ -247,7 +247,7 @@ def solve(points: np.ndarray, *, closest: bool, restarts: int = 32) -> BatchResu
 
 @figures("ik.md", rows=1000, long=100)
 def ik_rows(rows: int = 20_000, long: int = 2_000, seed: int = 0) -> Iterator[tuple | str]:
-    """Rows of a data set of IK solutions, some of which cannot be solved.
+    """Rows of a dataset of IK solutions, some of which cannot be solved.
 
     Reachable targets are where the left hand is in random postures clear of self-collision.  Others are drawn
     evenly in a box around the robot and kept where `solve_batch` finds no solution; they are mixed in

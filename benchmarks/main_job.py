@@ -151,7 +151,7 @@ def certified(trajectory: pk.Trajectory, scene: pk.Scene) -> bool:
 def main_job(count: int = 200, peers: int = 20) -> Iterator[tuple | str]:
     """The main job, from targets to a checked trajectory.
 
-    A hand to a point and the eyes on it, from `Stand`: inverse kinematics, path, short-cuts, way-points, and
+    A hand to a point and the eyes on it, from `Stand`: inverse kinematics, path, shortcuts, waypoints, and
     timing within velocity, acceleration and torque limits.  Ours is `pk.plan` and `pk.retime`, whose path has
     been examined by the compiled check.  The peer does the same with placo, OMPL's RRT-Connect and `simplify`
     over coal called directly, and toppra with torques by Pinocchio, as their users write it; it runs in turn

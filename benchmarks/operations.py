@@ -304,7 +304,7 @@ def plan_base() -> Made:
 
 @cache
 def paths() -> list[np.ndarray]:
-    """Return 20 random paths of five way-points for all joints."""
+    """Return 20 random paths of five waypoints for all joints."""
     return list(clear_postures(100).reshape(20, 5, pepper().n))
 
 

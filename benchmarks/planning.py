@@ -278,7 +278,7 @@ def race(kind: Kind, count: int, roboplan: Roboplan | None) -> Iterator[tuple | 
 
 
 def is_clear(problem: Problem, plan: pk.motion.Plan) -> bool:
-    """Whether coal finds nothing that touches along the spline through a plan's way-points."""
+    """Whether coal finds nothing that touches along the spline through a plan's waypoints."""
     spline = as_cubic_path(problem.pepper, plan.path)
     reach, lengths = motion_bounds(problem.pepper), np.diff(spline.breaks)
     for i, length in enumerate(lengths):
@@ -320,7 +320,7 @@ def planning(count: int = 100, problems: int = 30, roboplan_python: str = "") ->
     RRT-Connect past a table with one arm and with torso and arm, `count` problems each: ours over the
     compiled check, OMPL's over coal's, called from Python, and RoboPlan's, on the same problems in turn.
     "Search" is `planners.rrt_connect` with the making of problem and check; "plan" is `pk.plan`, with its
-    margins, short-cuts, smoothing and last examination.  RoboPlan keeps no margin, knows neither the
+    margins, shortcuts, smoothing and last examination.  RoboPlan keeps no margin, knows neither the
     tabulated ranges of neighboring links nor what the joints can hold, and measures steps in joint space: its
     step is ours over the root mean square of the joints' reaches.  Third, ten kinds of problems in a second
     each, `problems` of each, every path examined by coal at steps of half a millimeter of the fastest point;
@@ -340,7 +340,7 @@ def planning(count: int = 100, problems: int = 30, roboplan_python: str = "") ->
 
 
 def driven(points: np.ndarray) -> float:
-    """Return how far the base moves along way-points whose first two coordinates are its own [m]."""
+    """Return how far the base moves along waypoints whose first two coordinates are its own [m]."""
     return float(np.linalg.norm(np.diff(points[:, :2], axis=0), axis=1).sum())
 
 
@@ -384,7 +384,7 @@ def planar_base(count: int = 30, seconds: float = 5.0) -> Iterator[tuple]:
     The second table is of base, torso and arm among three boxes of a meter's height, and the third of torso
     and arm beside them, the base standing, ten times as many problems, `plan` and `retime`, in processor
     time.  The long search is `planners.aorrtc` without smoothing, on the same problem with the same margins.
-    Lengths are those of the polylines through the way-points, in the metric of the search and as distance
+    Lengths are those of the polylines through the waypoints, in the metric of the search and as distance
     driven.
     """
     lengths, drives, times, difference = [], [], Times(time.thread_time), []

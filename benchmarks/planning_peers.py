@@ -98,7 +98,7 @@ class Roboplan(Served):
         return np.array(self.do("validity", states=q[:, self._to].tolist())["collides"])
 
     def connect(self, start, goal, group, step, seed, timeout) -> np.ndarray | None:
-        """Return the way-points of a path, shape (k, n), checked every `step` [rad]; None for none."""
+        """Return the waypoints of a path, shape (k, n), checked every `step` [rad]; None for none."""
 
         start, goal = (q[self._to].tolist() for q in (start, goal))
         found = self.do(

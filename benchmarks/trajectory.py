@@ -49,7 +49,7 @@ ASKED_JERK = 10.0
 
 
 def paths(count: int, seed: int = 0) -> list[np.ndarray]:
-    """Way-points whose spline stays within the limits, and along which the robot can stand."""
+    """Waypoints whose spline stays within the limits, and along which the robot can stand."""
     rng = np.random.default_rng(seed)
     lower, upper = PEPPER.lower_limits.copy(), PEPPER.upper_limits.copy()
     lower[:3], upper[:3] = 0.06 * lower[:3], 0.06 * upper[:3]
@@ -252,9 +252,9 @@ pk.retime(p, [q, 0.9 * q], solver=sys.argv[1]); print(time.perf_counter() - begi
 def trajectory(count=15, repeats=7, certificate=False, jerk=False) -> Iterator[tuple]:
     """Timing along paths beside toppra.
 
-    Random paths of five way-points for all 15 joints.  Each case is timed in turn with toppra used directly
+    Random paths of five waypoints for all 15 joints.  Each case is timed in turn with toppra used directly
     (its own spline, constraints and pass, the torques by Pinocchio one state at a time, as its users write
-    it) and with toppra behind `retime(solver="toppra")`; times are medians of processor time, from way-points
+    it) and with toppra behind `retime(solver="toppra")`; times are medians of processor time, from waypoints
     to a trajectory sampled every millisecond.  Every trajectory is certified before it counts.
 
     With `--certificate` only the cost of certificates is printed: without a scene, with one, and the

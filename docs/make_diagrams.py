@@ -87,7 +87,7 @@ INTERFACES = 10
 NO_ROBOT = (
     (0, "kernels/", "machine code: compiled,", "cached"),
     (2, "core/", "each algorithm once, on arrays:", "IK, collision, timing, simulation"),
-    (6, "planners/", "searches, roadmaps, short-cuts", "on vectors and a validity checker"),
+    (6, "planners/", "searches, roadmaps, shortcuts", "on vectors and a validity checker"),
     (10, "ros_messages/", "ROS 2's messages, without ROS;", "only the interfaces use it"),
 )
 """Packages that are independent of robots: a row beside which each stands, name and contents."""
@@ -130,7 +130,7 @@ def plan_call() -> None:
         ("plan(pepper, start, tasks, scene)", "motion/planning.py", "checks its arguments"),
         ("goals", "motion/goal_search.py", "IK from many starts, collision-free"),
         ("search", "planners/rrt_connect.py", "two trees until they meet"),
-        ("short-cut, smooth", "planners/shortcut.py, smooth.py", "a C2 spline"),
+        ("shortcut, smooth", "planners/shortcut.py, smooth.py", "a C2 spline"),
         ("examine", "collision/curve_examination.py", "collision-free, by motion bounds"),
         ("Plan", "motion/plan_result.py", "curve, path, status, sentence"),
     ]
@@ -147,7 +147,7 @@ def plan_call() -> None:
             "kernel of the tasks, by address",
         ),
         (196, "core/collision", "verdicts of states and edges", "spheres, then exact cores"),
-        (284, "core/splines", "cubic splines, Schoenberg", "way-points to C2 curve"),
+        (284, "core/splines", "cubic splines, Schoenberg", "waypoints to C2 curve"),
         (372, "core/motion_bounds", "how far a joint moves a point", "proven, by the kinematic tree"),
     ]
     for y, title, *lines in core:

@@ -1,4 +1,4 @@
-"""100,000 solutions of the inverse kinematics as a data set, in one compressed file."""
+"""100,000 solutions of the inverse kinematics as a dataset, in one compressed file."""
 
 import argparse
 import io

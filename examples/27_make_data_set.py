@@ -1,4 +1,4 @@
-"""Certified motions past a table as a data set in Parquet, by processes here or on a SLURM cluster."""
+"""Certified motions past a table as a dataset in Parquet, by processes here or on a SLURM cluster."""
 
 import argparse
 from contextlib import ExitStack

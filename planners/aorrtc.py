@@ -50,12 +50,12 @@ _EXACT_EVERY = 32  # rounds: one in so many is bounded by the best length itself
 # Short-cuts of paths: attempts without detours, attempts up to the first stage, and the factor by which each
 # stage has more attempts in all and fewer paths than the stage before.
 _PLAIN, _FIRST_STAGE, _STAGE_FACTOR = 60, 400, 4
-# Minimum gain of the first short-cuts of a path and of the best path, relative to the length: saves checks.
+# Minimum gain of the first shortcuts of a path and of the best path, relative to the length: saves checks.
 _FIRST_GAIN, _FIRST_POLISH = 8e-3, 4e-4
 _POLISH = 1600  # attempts to shorten the best path at once
 _MOST_WAITING = 64  # maximum number of waiting paths of a stage
 _LAST_PART = 0.15  # fraction of the time, at its end, for the best path alone
-_FINER = 2  # factor of finer checks of short-cuts than of tree edges, since short-cuts graze obstacles
+_FINER = 2  # factor of finer checks of shortcuts than of tree edges, since shortcuts graze obstacles
 _HISTORY_STEP = 1e-4  # gains below this ratio of the cost share an entry of the history
 
 
@@ -158,7 +158,7 @@ def _from_path(problem: Problem, path: Path) -> Problem:
 
 
 class _Stage:
-    """Paths that have had the same number of short-cuts.
+    """Paths that have had the same number of shortcuts.
 
     Attributes:
         lengths: Lengths of all paths that reached the stage, in ascending order.
@@ -186,11 +186,11 @@ class _Stage:
 class _BestPath:
     """The best path so far, and the search for shorter ones.
 
-    Where two paths pass obstacles on different sides, short-cuts do not turn one into the other, and only
-    many short-cuts show which is shorter.  So paths are searched repeatedly and compete: all are shortened a
+    Where two paths pass obstacles on different sides, shortcuts do not turn one into the other, and only
+    many shortcuts show which is shorter.  So paths are searched repeatedly and compete: all are shortened a
     little, the best quarter four times as much, the best quarter of that quarter again four times as much,
     and so on (L. Li et al., A system for massively parallel hyperparameter tuning, MLSys 2020: asynchronous
-    successive halving).  Where time counts, the first short-cuts skip small gains, which cost as many checks
+    successive halving).  Where time counts, the first shortcuts skip small gains, which cost as many checks
     as large ones.
 
     Short-cuts save most of a new path, but seldom lead to another side of an obstacle, so nearly all rounds
@@ -319,7 +319,7 @@ class _BestPath:
             self._stages[stage].add(path, self._calls, goal)
 
     def _shortened(self, path: Path, attempts: int, gain: float, *, detours: bool = True) -> Path:
-        """Return a path after some short-cuts, each time with other random choices."""
+        """Return a path after some shortcuts, each time with other random choices."""
         self._calls += 1
         return shortcut(
             self._problem, path, seed=self._seed + (self._calls << 64), iterations=attempts,
@@ -328,7 +328,7 @@ class _BestPath:
         )  # fmt: skip
 
     def offer(self, path: Path, goal: int) -> None:
-        """Keep a path if it is the best so far and valid edge by edge: short-cuts may leave partial edges."""
+        """Keep a path if it is the best so far and valid edge by edge: shortcuts may leave partial edges."""
         if path.length >= self.best.length or not self._search.is_valid(path.points):
             return
         self.best, self.goal = path, goal

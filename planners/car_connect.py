@@ -54,7 +54,7 @@ SIZE = OWN_COUNTERS  # index of the counter for the number of pieces of the path
 
 _REACH = 6.0  # maximum length of an extension, in turning radii
 _STRIDE = 16  # stride in states of each pass over a curve: far-apart states are checked first
-_LEAST_GAIN = 0.01  # minimum ratio of the length that a short-cut has to save
+_LEAST_GAIN = 0.01  # minimum ratio of the length that a shortcut has to save
 _SHORTCUTS = 400  # number of attempts
 _LEAST_PIECE = 1e-12  # length below which a piece comes from rounding [m]
 _STREAM = 0xCA2
@@ -103,7 +103,7 @@ def car_connect(
         radius: Minimum turning radius [m].
         backward: Whether the car drives backward too (Reeds and Shepp), or forward only (Dubins).
         seed: Seed of the samples; the same seed gives the same path unless time runs out.
-        timeout: Time budget [s], short-cuts included.
+        timeout: Time budget [s], shortcuts included.
 
     Returns:
         The result; its curve is valid at the problem's resolution.
@@ -205,7 +205,7 @@ def shorten_car(
     key: np.uint64,
     seconds: float,
 ) -> None:
-    """Shorten a path in place by random short-cuts.
+    """Shorten a path in place by random shortcuts.
 
     Args:
         space: Box, metric and validity.

@@ -104,9 +104,9 @@ def cbirrt(
         max_iterations: Maximum number of samples.
 
     Returns:
-        The result.  Neighboring way-points of its path are no further apart than the resolution; they meet
+        The result.  Neighboring waypoints of its path are no further apart than the resolution; they meet
         the constraints to half the tolerances (start and goal to the whole tolerances), and the midpoints
-        between them to the whole tolerances.  `residual` is the maximum error of the way-points, or of an end
+        between them to the whole tolerances.  `residual` is the maximum error of the waypoints, or of an end
         that is off the manifold, as a multiple of its tolerance.
 
     Raises:
@@ -433,7 +433,7 @@ class Explorer:
         """Return whether edges of a polyline are short and meet the constraints, and points are valid.
 
         Args:
-            points: Way-points, shape (k, n).
+            points: Waypoints, shape (k, n).
         """
         spans = np.diff(self._problem.metric.arc_lengths(points))
         if spans.max(initial=0.0) > self.resolution or not edges_hold(self.surface, points):

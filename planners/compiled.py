@@ -3,8 +3,8 @@
     SearchSpace, last_valid_step, measure     box, metric and validity of a search
     first_round, grow, trace                  two trees of RRT-Connect: `Trees`, in a `Search`
     grow_on_manifold, walk                    trees on a constraint; `edges_hold`, `project_rows`
-    grow_by_cost, descend, shorten_by_cost    a tree on a cost, and way-points moved to where it is lower
-    shorten, straighten_each, shortest_end    short-cuts of a `Polyline`, and other ends of it
+    grow_by_cost, descend, shorten_by_cost    a tree on a cost, and waypoints moved to where it is lower
+    shorten, straighten_each, shortest_end    shortcuts of a `Polyline`, and other ends of it
     search_spline                             the descent of `optimization`
 
 All are compiled functions, the tables that they take, indices into tables, or the clocks and numbers of

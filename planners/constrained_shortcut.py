@@ -31,7 +31,7 @@ def constrained_shortcut(
 ) -> Path:
     """Shorten a path on a manifold; the result is never longer, and has the same ends.
 
-    Each iteration picks two way-points and tries to replace the path between them by the walk along the
+    Each iteration picks two waypoints and tries to replace the path between them by the walk along the
     manifold straight from one to the other.
 
     Args:
@@ -43,7 +43,7 @@ def constrained_shortcut(
         timeout: Time budget [s].
 
     Returns:
-        The path, its way-points on the manifold as dense as before.
+        The path, its waypoints on the manifold as dense as before.
 
     Raises:
         InvalidValueError: The path or the manifold has another number of coordinates than the problem, or an
@@ -87,7 +87,7 @@ def constrained_smooth(
         timeout: Time budget [s].
 
     Returns:
-        The rounded path, its way-points at nearly equal distances; the path given if no rounder one is valid.
+        The rounded path, its waypoints at nearly equal distances; the path given if no rounder one is valid.
 
     Raises:
         InvalidValueError: The path or the manifold has another number of coordinates than the problem, or an

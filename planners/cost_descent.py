@@ -38,7 +38,7 @@ from .vectors import FloatArray, finite_points, seed_number, whole_number
 _FEWEST, _MOST = 24, 400  # minimum and maximum number of points
 _SHARE_OF_STEP = 2.0  # distance of points relative to the resolution, without a manifold
 _SHARE_ON_MANIFOLD = 0.5  # distance of points relative to the resolution, on a manifold
-_LEAST_GAIN = 1e-4  # minimum gain of a short-cut, or of a useful step, relative to the integral
+_LEAST_GAIN = 1e-4  # minimum gain of a shortcut, or of a useful step, relative to the integral
 _WEAK_ROUNDS = 3  # number of successive rounds with little gain that ends the descent
 _BLOCKS = 8  # steps per round of some coordinates of a part of the path
 _ROUNDS = 5  # maximum number of trials of a step, each with more points that stay where it is invalid
@@ -50,7 +50,7 @@ _FIRST_DAMPING = 10.0  # initial damping times the square of the length
 _USED = 0.5  # fraction of the tolerance left by projections from which a constraint counts as active
 _UNEVEN = 3.0  # ratio of the longest to the mean edge at which points are spaced evenly again
 _STREAM = 7
-_DRAWS = 2  # random numbers of one short-cut
+_DRAWS = 2  # random numbers of one shortcut
 _STEP_DRAWS = 3  # random numbers of one step of a part
 
 # Rows of `lines`.
@@ -164,14 +164,14 @@ def descend_cost(
         cost: The price.
         path: A valid path of the problem's coordinates; with a manifold, a path of `cbirrt`.
         manifold: Constraints that every point meets; None for none.
-        seed: Seed of the short-cuts; the same seed gives the same path unless time runs out.
-        shortcuts: Number of attempts of short-cuts.
+        seed: Seed of the shortcuts; the same seed gives the same path unless time runs out.
+        shortcuts: Number of attempts of shortcuts.
         iterations: Maximum number of steps.
         timeout: Time budget [s].
 
     Returns:
         A path whose integral is lower, of points at nearly equal distances; the path given if no better one
-        is found.  On a manifold its way-points are no further apart than the resolution.
+        is found.  On a manifold its waypoints are no further apart than the resolution.
 
     Raises:
         InvalidValueError: The path, cost or manifold has another number of coordinates than the problem, or

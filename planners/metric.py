@@ -74,7 +74,7 @@ class Metric(FrozenArrays):
         """Return the length [length unit] of a polyline from its first to each of its points.
 
         Args:
-            points: Way-points, shape (k, n).
+            points: Waypoints, shape (k, n).
 
         Returns:
             Arc lengths, shape (k,), starting at 0, never decreasing.

@@ -121,7 +121,7 @@ class _OmplProblem:
     def run(
         self, make: Callable[[Any], Any], seed: int, deadline: Deadline, alone: bool
     ) -> tuple[Status, FloatArray | None, int | None]:
-        """Return the status of a search, and the way-points and the goal's index if there is a path.
+        """Return the status of a search, and the waypoints and the goal's index if there is a path.
 
         Args:
             make: Class of the planner.
@@ -152,7 +152,7 @@ class _OmplProblem:
         return Status.NO_PATH_IN_TIME, None, None
 
     def _path_to(self, goals: list[int], make: Callable[[Any], Any], seconds: float) -> FloatArray | None:
-        """Return way-points to one of some goals, shape (m, n), found within a time [s], or None."""
+        """Return waypoints to one of some goals, shape (m, n), found within a time [s], or None."""
         base, geometric, _ = self._library
         problem = self._problem
         space = base.RealVectorStateSpace(self._free.size)

@@ -1,4 +1,4 @@
-"""Path of way-points joined by straight edges."""
+"""Path of waypoints joined by straight edges."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Path:
     """A polyline, parametrized by its arc length in a weighted metric.
 
     Attributes:
-        points: Way-points, shape (k, n), k >= 1, read-only.
+        points: Waypoints, shape (k, n), k >= 1, read-only.
         weights: Weights of the metric, shape (n,), see `Metric`; ones if omitted.
         metric: The metric, made from the weights.
     """
@@ -30,7 +30,7 @@ class Path:
     metric: Metric = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Copy and check the way-points and weights.
+        """Copy and check the waypoints and weights.
 
         Raises:
             InvalidValueError: They have the wrong shape or are not finite, or a weight is not above zero.
@@ -43,12 +43,12 @@ class Path:
 
     @classmethod
     def trusted(cls, points: FloatArray, metric: Metric, arc_lengths: FloatArray | None = None) -> Path:
-        """Return the path through way-points that are known to be valid input, without check or copy.
+        """Return the path through waypoints that are known to be valid input, without check or copy.
 
         Args:
-            points: Finite float64 way-points, shape (k, n), that are not written to afterwards.
+            points: Finite float64 waypoints, shape (k, n), that are not written to afterwards.
             metric: The metric of n coordinates.
-            arc_lengths: Arc length at each way-point, shape (k,); computed if omitted.
+            arc_lengths: Arc length at each waypoint, shape (k,); computed if omitted.
         """
         path = cls.__new__(cls)
         path.__dict__.update(points=read_only(points), weights=metric.weights, metric=metric)
@@ -58,7 +58,7 @@ class Path:
 
     @cached_property
     def arc_lengths(self) -> FloatArray:
-        """Length from the first to each way-point, shape (k,) [length unit of the metric]."""
+        """Length from the first to each waypoint, shape (k,) [length unit of the metric]."""
         return read_only(self.metric.arc_lengths(self.points))
 
     @property
@@ -72,7 +72,7 @@ class Path:
         return float(self.arc_lengths[-1])
 
     def __len__(self) -> int:
-        """Return the number of way-points."""
+        """Return the number of waypoints."""
         return len(self.points)
 
     def __call__(self, s: ArrayLike) -> FloatArray:
@@ -82,7 +82,7 @@ class Path:
             s: Arc lengths [length unit of the metric] within [0, length], shape (...).
 
         Returns:
-            States, shape (..., n); exactly the first and last way-point at 0 and at `length`.
+            States, shape (..., n); exactly the first and last waypoint at 0 and at `length`.
 
         Raises:
             InvalidValueError: An arc length is NaN or outside [0, length].
@@ -102,7 +102,7 @@ class Path:
         return np.where(fraction[..., None] >= 1.0, last, first + fraction[..., None] * (last - first))
 
     def edge_index(self, s: FloatArray) -> np.ndarray:
-        """Return the edge's index at each arc length: 0 .. k - 2, the later one at a way-point; shape of s.
+        """Return the edge's index at each arc length: 0 .. k - 2, the later one at a waypoint; shape of s.
 
         Raises:
             InvalidValueError: for anything but numbers.
@@ -115,13 +115,13 @@ class Path:
         return Path(self.points[::-1], self.weights)
 
     def resample(self, spacing: float) -> Path:
-        """Return the same polyline with way-points added, so that no two neighbors are further apart.
+        """Return the same polyline with waypoints added, so that no two neighbors are further apart.
 
         Args:
             spacing: Maximum distance of neighbors [length unit of the metric].
 
         Returns:
-            A path through all way-points of this one and equally spaced new ones on each edge.
+            A path through all waypoints of this one and equally spaced new ones on each edge.
 
         Raises:
             InvalidValueError: The spacing is not a finite number above zero.
@@ -136,13 +136,13 @@ class Path:
         return Path(np.concatenate(segments), self.weights)
 
     def merged(self, tolerance: float) -> Path:
-        """Return the path without way-points that nearly repeat their predecessor; both ends are kept.
+        """Return the path without waypoints that nearly repeat their predecessor; both ends are kept.
 
         Args:
-            tolerance: Distance from the last kept way-point up to which others are dropped [length unit].
+            tolerance: Distance from the last kept waypoint up to which others are dropped [length unit].
 
         Returns:
-            A path of one or more way-points; of one only if all lie within the tolerance of the first one.
+            A path of one or more waypoints; of one only if all lie within the tolerance of the first one.
 
         Raises:
             InvalidValueError: The tolerance is not a finite number above zero.

@@ -21,8 +21,8 @@ class PathTable(NamedTuple):
     """A path for machine code.
 
     Attributes:
-        points: Way-points, shape (k, n).
-        lengths: Arc length at each way-point, shape (k,).
+        points: Waypoints, shape (k, n).
+        lengths: Arc length at each waypoint, shape (k,).
     """
 
     points: Floats2
@@ -30,9 +30,9 @@ class PathTable(NamedTuple):
 
 
 def rejoin(problem: Problem, path: Path, goal: int, *, gain: float = 0.01) -> tuple[Path, int]:
-    """End a path at another goal if a straight edge from one of its way-points makes it shorter.
+    """End a path at another goal if a straight edge from one of its waypoints makes it shorter.
 
-    All goals but the path's own are tried from all way-points but the last.  A search from the start to each
+    All goals but the path's own are tried from all waypoints but the last.  A search from the start to each
     goal would compare more paths, but each takes as long as the first search.
 
     Args:
@@ -70,7 +70,7 @@ def shortest_end(
     rows: Floats2,
     counters: Ints1,
 ) -> int:
-    """Return the way-point from which a straight edge to a goal makes the shortest path; -1 for none.
+    """Return the waypoint from which a straight edge to a goal makes the shortest path; -1 for none.
 
     Args:
         space: Box, metric and validity.

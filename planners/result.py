@@ -110,7 +110,7 @@ class Result:
             with two trees that found no path; None otherwise.  `first_invalid_states` finds invalid states
             around the nodes.
         residual: Maximum error as a multiple of its tolerance, for planners on a manifold: of the path's
-            way-points, or of the start or the nearest goal if it is off the manifold; nan otherwise.
+            waypoints, or of the start or the nearest goal if it is off the manifold; nan otherwise.
     """
 
     status: Status

@@ -314,7 +314,7 @@ class Roadmap:
         return answers
 
     def _path(self) -> tuple[FloatArray, int]:
-        """Return the way-points of the path, shape (k, n), and the node of its goal."""
+        """Return the waypoints of the path, shape (k, n), and the node of its goal."""
         reached = int(self._graph.counters[REACHED])
         nodes = [reached]
         while (arc := int(self._graph.nodes[FROM, nodes[-1]])) >= 0:

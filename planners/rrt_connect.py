@@ -63,7 +63,7 @@ _SHUT_IN_SAMPLES, _SHUT_IN_RATE, _SHUT_IN_EXTENT = 1000, 0.002, 0.25
 _MOST_SAMPLES = 100_000_000
 _NEAR_ROUND = 1024  # samples of a round in the region that is `WIDTH` straight lines wide; both double
 _FIRST = np.zeros(1, dtype=np.int64)  # order of a single goal
-_FIRST_POINTS = 256  # number of way-points in the workspace of a first round
+_FIRST_POINTS = 256  # number of waypoints in the workspace of a first round
 
 
 def rrt_connect(
@@ -423,7 +423,7 @@ class Search:
 
 
 class _FirstRoundWorkspaces(threading.local):
-    """Arrays of each thread for way-points of n coordinates and for lengths, by n."""
+    """Arrays of each thread for waypoints of n coordinates and for lengths, by n."""
 
     def __init__(self) -> None:
         self.of: dict[int, tuple[FloatArray, FloatArray]] = {}
@@ -433,7 +433,7 @@ _workspaces = _FirstRoundWorkspaces()
 
 
 def _workspace(n: int) -> tuple[FloatArray, FloatArray]:
-    """Return this thread's arrays for the way-points of a first round, and for their arc lengths."""
+    """Return this thread's arrays for the waypoints of a first round, and for their arc lengths."""
     arrays = _workspaces.of.get(n)
     if arrays is None:
         arrays = _workspaces.of[n] = np.empty((_FIRST_POINTS, n)), np.empty(_FIRST_POINTS)

@@ -1,4 +1,4 @@
-"""Shortening of a path by random short-cuts."""
+"""Shortening of a path by random shortcuts."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ from .vectors import FloatArray, seed_number, whole_number
 LEAST_GAIN = 1e-5
 """Minimum gain relative to the length: a smaller one is not worth validity checks."""
 
-FLAT = 1e-9  # distance to the neighbors' chord, relative to the length, up to which a way-point is dropped
+FLAT = 1e-9  # distance to the neighbors' chord, relative to the length, up to which a waypoint is dropped
 _FINER = 8  # factor of finer checks than in a search, since accepted edges graze obstacles
 STREAM = 1
 _SPARE = 32  # minimum number of points by which the capacity grows
 _DRAWS = 4  # random numbers of one iteration
-_MOST_NEW = 3  # maximum number of way-points that one iteration adds
+_MOST_NEW = 3  # maximum number of waypoints that one iteration adds
 
 # Attempts with detours: fractions that contract along a direction and that go over another state, fraction
 # whose two arc lengths are drawn near each other, their minimum distance (exp(-value), relative to the
@@ -59,7 +59,7 @@ class Polyline(NamedTuple):
     """A polyline in arrays of m points.
 
     Attributes:
-        points: Way-points, counters[SIZE] of them, shape (m, n).
+        points: Waypoints, counters[SIZE] of them, shape (m, n).
         part: Workspace for a part of the polyline, shape (m, n).
         lengths: Arc lengths of `points`, and of `part`, shape (2, m).
         rows: Workspace, shape (2, n).
@@ -86,7 +86,7 @@ def shortcut(
 ) -> Path:
     """Shorten a valid path; the result is never longer, and has the same ends.
 
-    Each iteration picks two points of the path, way-points or points on edges, and tries to replace the part
+    Each iteration picks two points of the path, waypoints or points on edges, and tries to replace the part
     between them: by the straight edge, or (every other time) by making a single coordinate linear while the
     others stay, which removes the detour of one coordinate where the whole edge is blocked.
 
@@ -108,9 +108,9 @@ def shortcut(
         iterations: Number of attempts.
         timeout: Time budget [s].
         resolution: Maximum distance between checked states of a new edge [length unit of the metric]; an
-            eighth of the problem's if omitted, because short-cuts tend to graze obstacles.
-        least_gain: Minimum ratio of the path's length, from 0 to below 1, that a short-cut has to save.  With
-            a hundredth, most time goes into short-cuts that matter.
+            eighth of the problem's if omitted, because shortcuts tend to graze obstacles.
+        least_gain: Minimum ratio of the path's length, from 0 to below 1, that a shortcut has to save.  With
+            a hundredth, most time goes into shortcuts that matter.
         detours: Whether two edges over another state, and contraction along directions, are tried too; for
             the shortest paths, with hundreds of iterations or more.
 
@@ -166,7 +166,7 @@ def _copy(source: FloatArray, first: int, count: int, target: FloatArray, place:
 
 @compiled("int64(float64[:, ::1], int64, float64[::1], float64)")
 def drop_flat(points: Floats2, size: int, weights: Floats1, tolerance: float) -> int:
-    """Drop way-points on the edge between their neighbors, in place; return how many are left."""
+    """Drop waypoints on the edge between their neighbors, in place; return how many are left."""
     kept = 1
     for k in range(1, size - 1):
         square = along = 0.0
@@ -209,7 +209,7 @@ def _up_to(lengths: FloatArray, size: int, s: float) -> int:
 
 @compiled
 def _choose(key: np.uint64, number: int, lengths: FloatArray, size: int, places: FloatArray) -> bool:
-    """Draw two arc lengths, of way-points or anywhere; return False if they are on one edge."""
+    """Draw two arc lengths, of waypoints or anywhere; return False if they are on one edge."""
     u, v = uniform(key, number + 1), uniform(key, number + 2)
     if uniform(key, number) < 0.5:
         first = int(u * size)
@@ -318,10 +318,10 @@ def _replace(points: FloatArray, size: int, before: int, after: int, part: Float
 
 @compiled
 def skip_ahead(space: SearchSpace, line: Polyline) -> None:
-    """Replace a polyline in place, from each way-point in turn, by the edge to a way-point far ahead.
+    """Replace a polyline in place, from each waypoint in turn, by the edge to a waypoint far ahead.
 
-    The last way-point is tried first, then the one halfway to it, and so on: few checks make few long edges.
-    They do most of the work of random short-cuts, which check most of the path again each time.
+    The last waypoint is tried first, then the one halfway to it, and so on: few checks make few long edges.
+    They do most of the work of random shortcuts, which check most of the path again each time.
     """
     points, part, lengths, counters, k = line.points, line.part, line.lengths[1], line.counters, 0
     while k + 2 < counters[SIZE]:
@@ -371,13 +371,13 @@ def shorten(
     patience: int,
     detours: bool,
 ) -> int:
-    """Shorten a polyline in place by random short-cuts; see `shortcut`.
+    """Shorten a polyline in place by random shortcuts; see `shortcut`.
 
     Args:
         space: Box, metric and validity.
         line: The polyline.
         seconds: Time budget [s].
-        least_gain: Minimum ratio of the length that a short-cut has to save.
+        least_gain: Minimum ratio of the length that a shortcut has to save.
         key: Key of the stream of random numbers.
         iterations: Number of attempts in all, earlier calls included.
         patience: Number of attempts in a row without a gain after which it ends.

@@ -31,8 +31,8 @@ _ROUNDS = 20  # maximum number of halvings of the spacing, to a millionth of it
 _COARSE = 10.0  # first spacing of breaks, in units of the problem's resolution
 _FEWEST = 4  # minimum number of pieces
 _SAMPLES = 32  # number of samples of a polyline for the fit of sines
-_MERGE = 1e-9  # distance below which way-points are merged, relative to the box's diagonal
-_ADVICE = "plan and short-cut again at a finer resolution, or let the checker keep a margin"
+_MERGE = 1e-9  # distance below which waypoints are merged, relative to the box's diagonal
+_ADVICE = "plan and shortcut again at a finer resolution, or let the checker keep a margin"
 _FACTORS = ((1.0, 1.0, 1.0, 1.0), (1.0, 2.0, 3.0), (2.0, 6.0), (6.0,))  # p! / (p - derivative)!
 
 
@@ -196,7 +196,7 @@ def smooth(
     problem.require_same("path", path.n)
     polyline = Path(path.points, problem.weights).merged(_MERGE * problem.diagonal)
     if len(polyline) < 2:
-        raise InvalidValueError("path", f"length {path.length:g}", "a path whose way-points differ")
+        raise InvalidValueError("path", f"length {path.length:g}", "a path whose waypoints differ")
     validator = problem.validator(resolution=resolution)
     if spacing is None:
         spacing = _COARSE * problem.validator().resolution
@@ -228,7 +228,7 @@ def rounded_waypoints(path: Path, segments: int) -> FloatArray:
     See `smooth` for the curve; nothing is checked here.
 
     Args:
-        path: Path of two or more way-points, longer than zero.
+        path: Path of two or more waypoints, longer than zero.
         segments: Number of pieces, 1 to 1,000,000.
 
     Returns:

@@ -179,7 +179,7 @@ def nearest_node(space: SearchSpace, trees: Trees, side: int, state: FloatArray)
 
 @compiled("int64(Trees)", lean=True)
 def way_point_count(trees: Trees) -> int:
-    """Return the number of way-points of the path along which the trees have met."""
+    """Return the number of waypoints of the path along which the trees have met."""
     count = 0
     for side in range(2):
         node = trees.counters[START_NODE + side]
@@ -191,11 +191,11 @@ def way_point_count(trees: Trees) -> int:
 
 @compiled("int64(Trees, float64[:, ::1])", lean=True)
 def trace(trees: Trees, points: Floats2) -> int:
-    """Write the way-points of the path along which the trees have met; return the index of its goal.
+    """Write the waypoints of the path along which the trees have met; return the index of its goal.
 
     Args:
         trees: The trees.
-        points: Way-points from the start to the goal, written, shape (`way_point_count`, n).
+        points: Waypoints from the start to the goal, written, shape (`way_point_count`, n).
     """
     parents, states = trees.parents, trees.states
     here, node, goal = 0, trees.counters[START_NODE], trees.counters[GOAL_NODE]
@@ -217,7 +217,7 @@ def trace(trees: Trees, points: Floats2) -> int:
 
 
 def traced(trees: Trees) -> tuple[FloatArray, int]:
-    """Return the way-points of the path along which the trees have met, shape (k, n), and its goal."""
+    """Return the waypoints of the path along which the trees have met, shape (k, n), and its goal."""
     points = np.empty((way_point_count(trees), trees.states.shape[2]))
     return points, trace(trees, points)
 

@@ -63,7 +63,7 @@ START_INVALID = FULL + 1
 
 # Indices into `counters`, after the indices common to all trees.
 GROWING, DRAWN = OWN_COUNTERS, OWN_COUNTERS + 1
-WAY_POINTS, GOAL = DRAWN + 1, DRAWN + 2  # number of way-points that `first_round` wrote, and the path's goal
+WAY_POINTS, GOAL = DRAWN + 1, DRAWN + 2  # number of waypoints that `first_round` wrote, and the path's goal
 TRIED, GREW = GOAL + 1, GOAL + 3  # numbers of samples and of extensions, two entries each, one per tree
 MOMENT = GREW + 2  # two numbers of the clock
 
@@ -420,11 +420,11 @@ def first_round(
     Args:
         space: Box, metric and validity.
         trees: The trees, without nodes; counters[WAY_POINTS] and counters[GOAL] receive the number of
-            way-points that were written and the index of the goal.
+            waypoints that were written and the index of the goal.
         seconds: Time budget [s]; the trees grow for a time slice at most.
         ends: Start and goals.
-        points: Receives the way-points of the path if they fit, shape (m, n).
-        lengths: Receives the arc length at each way-point, shape (m,) [length unit of the metric].
+        points: Receives the waypoints of the path if they fit, shape (m, n).
+        lengths: Receives the arc length at each waypoint, shape (m,) [length unit of the metric].
         key: Key of the stream of random numbers.
         iterations: Maximum number of samples, and at most the number of a round.
 
@@ -442,13 +442,13 @@ def first_round(
 
 @compiled("int64(SearchSpace, Trees, float64[:, ::1], float64[::1])", lean=True)
 def write_path(space: SearchSpace, trees: Trees, points: Floats2, lengths: Floats1) -> int:
-    """Write the path along which the trees have met if it fits; return its number of way-points.
+    """Write the path along which the trees have met if it fits; return its number of waypoints.
 
     Args:
         space: Supplies the metric.
         trees: The trees; counters[GOAL] receives the goal.
-        points: Way-points from the start to the goal, written, shape (m, n).
-        lengths: Arc length at each way-point, written, shape (m,) [length unit of the metric].
+        points: Waypoints from the start to the goal, written, shape (m, n).
+        lengths: Arc length at each waypoint, written, shape (m,) [length unit of the metric].
     """
     count = way_point_count(trees)
     if count <= lengths.size:

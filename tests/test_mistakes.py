@@ -106,7 +106,7 @@ MISTAKES = {
     "45 rad": (lambda: moves(LShoulderPitch=45), DEGREES),
     "goal in degrees": (lambda: pk.plan(PEPPER, STAND, np.degrees(STAND)), DEGREES),
     "start in degrees": (lambda: pk.ik.solve(PEPPER, HAND, np.degrees(STAND)), DEGREES),
-    "way-points in degrees": (lambda: pk.retime(PEPPER, np.degrees([STAND, NOD])), DEGREES),
+    "waypoints in degrees": (lambda: pk.retime(PEPPER, np.degrees([STAND, NOD])), DEGREES),
     "recording in degrees": (
         lambda: pk.Trajectory.from_positions(PEPPER, [0, 1], np.degrees([STAND, NOD])), DEGREES,
     ),
@@ -160,7 +160,7 @@ MISTAKES = {
     "quaternion without order": (lambda: pk.pose(quaternion=(0, 0, 0, 1)), "quaternion_xyzw.*_wxyz"),
     "module called": (lambda: pk.ik(PEPPER, HAND), r"ik is a module.*solve"),
     "tensor with gradient": (lambda: pk.kinematics.frame_pose(PEPPER, tensor(), EFFECTOR), r"detach\(\)"),
-    "way-point twice": (lambda: pk.retime(PEPPER, [STAND, STAND, NOD]), "rows 0 and 1 .*leave one out"),
+    "waypoint twice": (lambda: pk.retime(PEPPER, [STAND, STAND, NOD]), "rows 0 and 1 .*leave one out"),
     "material twice": (lambda: pk.load_robot(materials()), "material name='blue'> stands twice"),
     "robot that touches itself, IK": (
         lambda: pk.ik.solve(pk.load_robot(chain(BALL)), pk.ik.FramePosition("l3", (0.1, 0, 0.28))),

@@ -16,11 +16,11 @@ from pepper_kin.lazy_names import lazy_module
 
 datasets = lazy_module("pepper_kin.datasets")
 
-app = typer.Typer(no_args_is_help=True, help="Data sets made by many processes or machines, and examined.")
+app = typer.Typer(no_args_is_help=True, help="Datasets made by many processes or machines, and examined.")
 
 _EVERY = 5.0  # [s] between lines where there is no terminal
 
-Folder = Annotated[str, typer.Argument(help="Folder of the data set, or an address that fsspec knows.")]
+Folder = Annotated[str, typer.Argument(help="Folder of the dataset, or an address that fsspec knows.")]
 Workers = Annotated[int | None, typer.Option(help="Processes; one for each core if left out.")]
 Dask = Annotated[str | None, typer.Option(help="Address of a Dask scheduler, whose workers are used.")]
 
@@ -35,7 +35,7 @@ def make(
     dask: Dask = None,
     as_json: Json = False,
 ) -> None:
-    r"""Make a data set, or what a folder still lacks of it; Ctrl-C keeps what is written.
+    r"""Make a dataset, or what a folder still lacks of it; Ctrl-C keeps what is written.
 
     Needs: pip install 'pepper_kin\[datasets]'
 
@@ -47,7 +47,7 @@ def make(
 
 @app.command()
 def resume(folder: Folder, workers: Workers = None, dask: Dask = None, as_json: Json = False) -> None:
-    """Make what a data set still lacks that was begun in a folder.
+    """Make what a dataset still lacks that was begun in a folder.
 
     Example: pepper-kin dataset resume my_data
     """
@@ -78,7 +78,7 @@ def show(
     row: Annotated[int | None, typer.Option(help="A row to print, from 0; from the end if below 0.")] = None,
     as_json: Json = False,
 ) -> None:
-    """Print what a data set holds, or one of its rows.
+    """Print what a dataset holds, or one of its rows.
 
     Example: pepper-kin dataset show my_data --row 3
     """
@@ -97,7 +97,7 @@ def show(
 
 
 def _print_made(run: Callable[..., Any], workers: int | None, dask: str | None, as_json: bool) -> None:
-    """Run what makes a data set, and print how far it is and what was made."""
+    """Run what makes a dataset, and print how far it is and what was made."""
     with _reported(as_json) as on_progress:
         try:
             found = run(workers=workers, client=dask, on_progress=on_progress)

@@ -1,6 +1,6 @@
-"""Data sets made by many processes or machines, no row lost or doubled: `pip install pepper_kin[datasets]`.
+"""Datasets made by many processes or machines, no row lost or doubled: `pip install pepper_kin[datasets]`.
 
-    DatasetJob, load_job          specification of a data set, as a value and as a YAML file
+    DatasetJob, load_job          specification of a dataset, as a value and as a YAML file
     make, resume, Progress        generation by processes of this machine, or on a Dask cluster
     check, DatasetCheck           proof that no row is missing or double, with rows recomputed
     open, Dataset                 rows as NumPy arrays, tables of Arrow, pandas and polars

@@ -1,4 +1,4 @@
-"""Card of a data set: README.md with statistics and a picture."""
+"""Card of a dataset: README.md with statistics and a picture."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ rows[0], rows.statistics
 
 
 def write_card(store: Store, dataset: Dataset) -> None:
-    """Write statistics, picture and card of a data set.
+    """Write statistics, picture and card of a dataset.
 
     Raises:
         MissingDependencyError: if matplotlib is not installed.
@@ -100,7 +100,7 @@ def picture_of(dataset: Dataset) -> bytes:
     Raises:
         MissingDependencyError: if matplotlib is not installed.
     """
-    figure = new_figure("the picture of a data set", figsize=(9, 3.4))
+    figure = new_figure("the picture of a dataset", figsize=(9, 3.4))
     axes = figure.subplots(1, 3)
     names = {column.name: column for column in dataset.columns}
     rows = min(_SHOWN, len(dataset))

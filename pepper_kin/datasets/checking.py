@@ -1,4 +1,4 @@
-"""Check that a data set is whole: no row missing or double, and recomputed rows equal bit by bit."""
+"""Check that a dataset is whole: no row missing or double, and recomputed rows equal bit by bit."""
 
 from __future__ import annotations
 
@@ -64,16 +64,16 @@ def check(
     seed: int = 0,
     on_progress: Callable[[int, int], None] | None = None,
 ) -> DatasetCheck:
-    """Examine every file of a data set, and recompute some of its rows.
+    """Examine every file of a dataset, and recompute some of its rows.
 
     Args:
-        folder: Folder of the data set, or an address that fsspec knows.
+        folder: Folder of the dataset, or an address that fsspec knows.
         sample: Number of rows that are recomputed, each once; all files are read in any case.
         seed: Seed by which the rows are drawn.
         on_progress: Function that is called with the number of files read, and the number of all files.
 
     Raises:
-        FileFormatError: for a folder without a data set, or a damaged manifest.
+        FileFormatError: for a folder without a dataset, or a damaged manifest.
     """
     check_whole("sample", sample, 0)
     store = Store(folder)

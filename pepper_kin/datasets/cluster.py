@@ -37,7 +37,7 @@ class _ClusterRun:
         client: Client of the cluster.
         job: The job.
         waiting: Indices of the shards to compute.
-        place: Folder or address of the data set.
+        place: Folder or address of the dataset.
     """
 
     def __init__(self, client: Any, job: DatasetJob, waiting: deque[int], place: str) -> None:
@@ -60,7 +60,7 @@ class _ClusterRun:
             self._threads, self._looked = sum(self.client.nthreads().values()), now
             self._seen = now if self._threads else self._seen
         if now - self._seen > PATIENCE:
-            raise InfeasibleError("data set", f"no worker was seen for {PATIENCE:g} s", _ADVICE)
+            raise InfeasibleError("dataset", f"no worker was seen for {PATIENCE:g} s", _ADVICE)
         while self.waiting and len(self.running) < max(4, _AHEAD * self._threads):
             shard = self.waiting.popleft()
             options = {"pure": False, "key": f"{self._name}-{shard}-{self._tries[shard]}"}
@@ -98,7 +98,7 @@ class _ClusterRun:
             raise error if isinstance(error, PepperKinError) else PepperKinError(f"shard {shard}: {error}")
         self._tries[shard] += 1
         if self._tries[shard] >= MOST_KILLS:
-            raise InfeasibleError("data set", f"workers died over shard {shard}", _ADVICE)
+            raise InfeasibleError("dataset", f"workers died over shard {shard}", _ADVICE)
         self.waiting.appendleft(shard)
         return None
 
@@ -111,7 +111,7 @@ def on_dask(
     Args:
         job: The job.
         shards: Indices of the shards to compute.
-        store: Store of the data set; all workers must reach it by the same name.
+        store: Store of the dataset; all workers must reach it by the same name.
         client: A `distributed.Client`, or the address of a scheduler.
 
     Raises:
@@ -119,7 +119,7 @@ def on_dask(
         InfeasibleError: if the scheduler is gone, or workers died repeatedly while computing one shard.
         MissingDependencyError: if Dask is not installed.
     """
-    distributed = optional("distributed", extra="dask", need="a data set on many machines")
+    distributed = optional("distributed", extra="dask", need="a dataset on many machines")
     if not isinstance(client, str | distributed.Client):
         raise InvalidValueError("client", repr(client), "a distributed.Client, or a scheduler's address")
     own = isinstance(client, str)
@@ -141,7 +141,7 @@ def on_dask(
     except Exception as error:  # Dask has many: closed clients, closed streams, cancelled futures
         if client.status == "running":
             raise
-        raise InfeasibleError("data set", f"the scheduler is gone ({error})", _ADVICE) from error
+        raise InfeasibleError("dataset", f"the scheduler is gone ({error})", _ADVICE) from error
     finally:
         if client.status == "running":
             client.cancel(list(run.running))

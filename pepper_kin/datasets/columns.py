@@ -1,4 +1,4 @@
-"""Columns of a data set, and their conversion to and from Arrow arrays."""
+"""Columns of a dataset, and their conversion to and from Arrow arrays."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reading of data sets: rows by index or one after the other, as NumPy arrays or Arrow tables."""
+"""Reading of datasets: rows by index or one after the other, as NumPy arrays or Arrow tables."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ _MOST_GROUP = 65_536  # maximum number of rows that are read at once
 
 
 class Dataset:
-    """Rows of a data set, read on demand.
+    """Rows of a dataset, read on demand.
 
     Args:
         store: Store of the files.
-        job: Job of the data set.
+        job: Job of the dataset.
         manifest: Content of the manifest.
         verify: Whether the SHA-256 of each file is compared before its first row is read.
 
     Attributes:
         store: Store of the files.
-        job: Job of the data set.
+        job: Job of the dataset.
         shards: Name, first row, rows, size, SHA-256 and statuses of each file.
     """
 
@@ -239,18 +239,18 @@ class _Named:
 
 
 def open_dataset(folder: PathName, *, verify: bool = True) -> Dataset:
-    """Open a complete data set; `pepper_kin.datasets.open` is another name of this function.
+    """Open a complete dataset; `pepper_kin.datasets.open` is another name of this function.
 
     Args:
-        folder: Folder of the data set, or an address that fsspec knows.
+        folder: Folder of the dataset, or an address that fsspec knows.
         verify: Whether the SHA-256 of each file is compared before its first row is read.
 
     Raises:
-        FileFormatError: naming the file, if the data set is not complete, or its manifest is damaged.
+        FileFormatError: naming the file, if the dataset is not complete, or its manifest is damaged.
     """
     store = Store(folder)
     if not store.exists(MANIFEST):
-        reason = "is a data set that is not complete: resume it" if store.exists(JOB) else "holds no data set"
+        reason = "is a dataset that is not complete: resume it" if store.exists(JOB) else "holds no dataset"
         raise FileFormatError(store.place, reason)
     job = job_of_text(store.read_text(JOB), store.path(JOB))
     try:

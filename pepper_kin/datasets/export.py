@@ -1,4 +1,4 @@
-"""Export of finished data sets to LeRobot and MCAP."""
+"""Export of finished datasets to LeRobot and MCAP."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _STATES = {
 
 
 def export(dataset: Dataset, store: Store, format: str) -> None:
-    """Write the solved motions of a data set in another format, to the store's folder named after it.
+    """Write the solved motions of a dataset in another format, to the store's folder named after it.
 
     "lerobot": one LeRobotDataset v3.0 of all motions; sensors are resampled to the frames, which hold the
     newest reading.  For motions without a twin the action of a frame is the next frame's position.  If
@@ -51,7 +51,7 @@ def export(dataset: Dataset, store: Store, format: str) -> None:
         FileFormatWarning: naming joints that are omitted, and the deviation of times from even steps.
     """
     if dataset.job.kind not in _STATES:
-        raise InvalidValueError("kind of data set", dataset.job.kind, f"one of {', '.join(_STATES)}")
+        raise InvalidValueError("kind of dataset", dataset.job.kind, f"one of {', '.join(_STATES)}")
     if format == "lerobot":
         written = _to_lerobot(dataset, store)
     elif format == "mcap":
@@ -75,7 +75,7 @@ def export_faults(store: Store, format: str) -> list[str]:
     except FileFormatError as error:
         return [f"{error}: {again}"]
     faults = [f"{store.path(name)}: is missing: {again}" for name in kept if name not in there]
-    faults += [f"{store.path(name)}: is no file of this data set" for name in sorted(there - kept.keys())]
+    faults += [f"{store.path(name)}: is no file of this dataset" for name in sorted(there - kept.keys())]
     for name in sorted(there & kept.keys()):
         if (found := store.sha256(name)[0]) != kept[name]:
             words = f"is damaged: its SHA-256 is {found}, that of {format}.json {kept[name]}"

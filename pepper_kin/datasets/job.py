@@ -1,4 +1,4 @@
-"""Jobs: specification of a data set, as a value and as a YAML file."""
+"""Jobs: specification of a dataset, as a value and as a YAML file."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ from pepper_kin.model.joint_vectors import check_choice, check_positive, check_w
 FORMAT = "pepper_kin data set job"
 VERSION, MADE_BY = 1, "pepper_kin"
 KINDS = ("ik", "reach_maps", "plans", "trajectories", "runs", "demonstrations", "replays")
-"""Kinds of rows of a data set, the `kind` of a `DatasetJob`."""
+"""Kinds of rows of a dataset, the `kind` of a `DatasetJob`."""
 FORMATS = ("parquet", "lerobot", "mcap")
-"""Formats in which a data set is written."""
+"""Formats in which a dataset is written."""
 MOST_ROWS = 10**12
 MOST_IN_SHARD = 100_000
 
@@ -70,12 +70,12 @@ _NOT_ROWS = ("name", "rows_per_shard", "format", "license")
 
 @dataclass(frozen=True)
 class DatasetJob:
-    """Specification of a data set.  A row depends only on the job and on the row's index.
+    """Specification of a dataset.  A row depends only on the job and on the row's index.
 
     Attributes:
         kind: One of `KINDS`.
         rows: Number of rows: solutions, maps, plans, motions, runs, episodes or logs.
-        name: Title of the data set.
+        name: Title of the dataset.
         seed: Seed of all random choices, from 0 to 2^63 - 1.
         rows_per_shard: Number of rows of a file; a process holds one file's rows at a time.
         robot: Options of `load_pepper`, or `urdf` and `srdf`, files of another robot.
@@ -119,7 +119,7 @@ class DatasetJob:
     def __post_init__(self) -> None:
         """Check the fields, and store the content of scenes and the hashes of other files in them."""
         if self.kind not in KINDS:
-            raise UnknownNameError("kind of data set", self.kind, KINDS)
+            raise UnknownNameError("kind of dataset", self.kind, KINDS)
         check_whole("rows", self.rows, 1, MOST_ROWS)
         check_whole("rows_per_shard", self.rows_per_shard, 1, MOST_IN_SHARD)
         check_whole("seed", self.seed, 0, 2**63 - 1)

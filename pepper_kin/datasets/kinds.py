@@ -1,4 +1,4 @@
-"""Kinds of data sets: their columns, and the computation of their rows."""
+"""Kinds of datasets: their columns, and the computation of their rows."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ Values = Mapping[str, Any]
 
 
 class DatasetKind:
-    """Rows of one kind of data set.
+    """Rows of one kind of dataset.
 
     Attributes:
         recipe: Robot, scenes and random numbers that the rows share.
@@ -141,7 +141,7 @@ class ReachMapRows(DatasetKind):
 
 
 class PlanRows(DatasetKind):
-    """Paths free of collisions, as way-points."""
+    """Paths free of collisions, as waypoints."""
 
     def __init__(self, recipe: Recipe) -> None:
         super().__init__(recipe)

@@ -47,7 +47,7 @@ class Feature:
 
 
 class LeRobotWriter:
-    """Writer of episodes; a context manager, which completes the data set: `meta/info.json` comes last.
+    """Writer of episodes; a context manager, which completes the dataset: `meta/info.json` comes last.
 
     Args:
         place: A new folder, or an address that fsspec knows.
@@ -155,7 +155,7 @@ class LeRobotWriter:
             self._flush()
 
     def close(self) -> None:
-        """Complete the data set.
+        """Complete the dataset.
 
         Raises:
             InvalidValueError: if no episode was added.
@@ -409,7 +409,7 @@ def _av() -> Any:
 
 
 def _encode(film: NDArray[np.uint8], fps: int, target: BinaryIO) -> None:
-    """Encode pictures, shape (T, height, width, 3), as H.264; every second picture is a key frame."""
+    """Encode pictures, shape (T, height, width, 3), as H.264; every second picture is a keyframe."""
     av = _av()
     try:
         with av.open(target, "w", format="mp4") as container:

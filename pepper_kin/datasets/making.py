@@ -1,4 +1,4 @@
-"""Generation of data sets, and its resumption after an interruption."""
+"""Generation of datasets, and its resumption after an interruption."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ from pepper_kin.model.joint_vectors import check_whole
 
 @dataclass
 class Progress:
-    """Progress of the generation of a data set.
+    """Progress of the generation of a dataset.
 
     Attributes:
         done: Number of rows that are written.
-        total: Number of rows of the complete data set.
+        total: Number of rows of the complete dataset.
         new: Number of rows that this call has made.
         seconds: Time since the call began, on a monotonic clock [s].
         statuses: Number of rows that this call has made, per status.
@@ -69,23 +69,23 @@ def make(
     client: Any = None,
     on_progress: Callable[[Progress], None] | None = None,
 ) -> Dataset:
-    """Make a data set, or the missing part of it in a folder.
+    """Make a dataset, or the missing part of it in a folder.
 
     Every shard is a file with a name made of job and rows, written whole or not at all, so no row is lost or
     doubled, even if processes are killed and the call is repeated; the manifest comes last.
 
     Args:
-        job: Specification of the data set.
-        folder: Folder of the data set, or an address that fsspec knows.
+        job: Specification of the dataset.
+        folder: Folder of the dataset, or an address that fsspec knows.
         workers: Number of processes on this machine, one per core if omitted; 0 computes in this process.
         client: A `distributed.Client` or the address of a Dask scheduler, whose workers are used instead.
         on_progress: Function that is called after each shard.
 
     Returns:
-        The data set.
+        The dataset.
 
     Raises:
-        InvalidValueError: for a folder with another data set, or in use by another process.
+        InvalidValueError: for a folder with another dataset, or in use by another process.
         FileFormatError: for files that are damaged, or cannot be written: call again when there is space.
         InfeasibleError: if processes or the scheduler died repeatedly.
         PepperKinError: naming the invalid option of the job, before anything is written.
@@ -119,22 +119,22 @@ def make(
 
 
 def resume(folder: PathName, **options: Any) -> Dataset:
-    """Make the missing part of the data set that was begun in a folder; see `make`.
+    """Make the missing part of the dataset that was begun in a folder; see `make`.
 
     Raises:
-        FileFormatError: for a folder in which no data set was begun.
+        FileFormatError: for a folder in which no dataset was begun.
     """
     return make(read_job(Store(folder)), folder, **options)
 
 
 def read_job(store: Store) -> DatasetJob:
-    """Return the job of a data set that was begun.
+    """Return the job of a dataset that was begun.
 
     Raises:
-        FileFormatError: if there is no job, or another version of the library began the data set.
+        FileFormatError: if there is no job, or another version of the library began the dataset.
     """
     if not store.exists(JOB):
-        raise FileFormatError(store.place, f"holds no data set that was begun: it has no {JOB}")
+        raise FileFormatError(store.place, f"holds no dataset that was begun: it has no {JOB}")
     text = store.read_text(JOB)
     made_by = re.search(rf"^{MADE_BY}: (.+)$", text, re.MULTILINE)
     if made_by is None or made_by[1].strip("'") != __version__:
@@ -169,7 +169,7 @@ def _claim(store: Store, job: DatasetJob) -> None:
 
 
 def _finish(store: Store, job: DatasetJob, found: dict[int, dict[str, Any]]) -> None:
-    """Write statistics, card and exports of a complete data set, and last the manifest that marks it so."""
+    """Write statistics, card and exports of a complete dataset, and last the manifest that marks it so."""
     known: dict[int, dict[str, Any]] = {}
     if store.exists(MANIFEST):
         known = dict(enumerate(open_dataset(store.place).shards))

@@ -104,7 +104,7 @@ def on_pool(
                             advice = (
                                 "look for what killed them, such as a lack of memory: fewer rows_per_shard"
                             )
-                            raise InfeasibleError("data set", reason, advice)
+                            raise InfeasibleError("dataset", reason, advice)
                         waiting.appendleft(shard)
                         start(number)
                     elif "error" in found:

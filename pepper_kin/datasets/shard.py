@@ -32,7 +32,7 @@ def key_of(job: DatasetJob, shard: int) -> str:
 
 
 def name_of(job: DatasetJob, shard: int) -> str:
-    """Return the name of a shard's file in the data set: its number and key."""
+    """Return the name of a shard's file in the dataset: its number and key."""
     return f"{DATA}/shard-{shard:06d}-{key_of(job, shard)}.parquet"
 
 
@@ -128,7 +128,7 @@ def summary_of(job: DatasetJob, shard: int, store: Store) -> dict[str, Any]:
     wanted = {"job": job.hash, "shard": shard, "first": first, "rows": end - first}
     for what, value in wanted.items():
         if about.get(what) != value:
-            reason = f"is of another data set: its {what} is {about.get(what)}, expected {value}"
+            reason = f"is of another dataset: its {what} is {about.get(what)}, expected {value}"
             raise FileFormatError(store.path(name), reason)
     return {
         "name": name, "first": first, "rows": end - first, "bytes": size, "sha256": digest,

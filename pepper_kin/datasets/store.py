@@ -1,4 +1,4 @@
-"""Folder of a data set, on a disk or on a file system of fsspec."""
+"""Folder of a dataset, on a disk or on a file system of fsspec."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _LOCK = ".lock"
 
 
 class Store:
-    """Files of a data set by name; each is written whole or not at all.
+    """Files of a dataset by name; each is written whole or not at all.
 
     Args:
         place: A folder, or an address that fsspec knows, such as "s3://bucket/folder" or "memory://folder".
@@ -156,7 +156,7 @@ class Store:
         On an address of fsspec there is no lock: two drivers do the same work twice, and write equal files.
 
         Raises:
-            InvalidValueError: if another process makes this data set.
+            InvalidValueError: if another process makes this dataset.
         """
         if self._fs is not None:
             yield

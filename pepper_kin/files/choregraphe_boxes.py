@@ -236,7 +236,7 @@ def _timeline(path: PathName, element: Element, name: str) -> BoxTimeline:
 
 
 def _diagram(path: PathName, element: Element, name: str) -> Diagram:
-    """Return the boxes and connections of a key frame."""
+    """Return the boxes and connections of a keyframe."""
     boxes, links = dict[int, ChoregrapheBox](), list[BoxLink]()
     for diagram in element.named("Diagram"):
         boxes |= {int(number(path, one, "id")): _box(path, one, name) for one in diagram.named("Box")}

@@ -212,7 +212,7 @@ def solve_batch(
     number of threads.
 
     A row that cannot be solved takes a hundred times as long as others, nearly all of it for the closest
-    configuration. For data sets, which need the reason only, `closest=False` omits that search: rows whose
+    configuration. For datasets, which need the reason only, `closest=False` omits that search: rows whose
     target is proven out of reach (`BatchResult.shortfalls`) end after one descent, and rows that are met only
     in collision end after one round among obstacles instead of twelve, and a search from postures with the
     hand near its target. Solutions that need no longer search are the same; nearly all others are found.

@@ -1,4 +1,4 @@
-"""Actuators, couplings, sensors and key frames of the robot in MuJoCo."""
+"""Actuators, couplings, sensors and keyframes of the robot in MuJoCo."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ def add_drive(
     joint_order: list[str],
     sites: list[str],
 ) -> None:
-    """Add couplings, actuators, sensors and key frames to an MJCF root.
+    """Add couplings, actuators, sensors and keyframes to an MJCF root.
 
     Every coordinate has the twin's servo, tau = clip(Kp (q_ref - q) + Kd (v_ref - v) + g(q), limits), as two
     actuators: first all positions, `JOINT_position`, then all velocities, `JOINT_velocity`.  MuJoCo's gravity
     compensation is g(q), and the range of a joint's actuator force limits the sum.  Sensors: position,
     velocity and force of each coordinate's servo, and an accelerometer or gyroscope at each frame whose name
-    says so.  Each posture becomes a key frame.
+    says so.  Each posture becomes a keyframe.
 
     Args:
         root: The <mujoco> element.

@@ -1,4 +1,4 @@
-"""Planning with constraints that hold along the whole path and the spline through its way-points."""
+"""Planning with constraints that hold along the whole path and the spline through its waypoints."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ STEPS = 200
 """Maximum number of steps of the descent from the cheapest path."""
 
 _LITTLE = 0.01  # minimum remaining time for a further search [s]
-NO_SPLINE = "A path was found, but no spline through way-points of it keeps constraints and margin."
+NO_SPLINE = "A path was found, but no spline through waypoints of it keeps constraints and margin."
 FEWEST_PIECES = 8
 MOST_PIECES = 1024
 SLACK = 0.98
-"""Fraction of a tolerance that samples of the spline may use while way-points are chosen."""
+"""Fraction of a tolerance that samples of the spline may use while waypoints are chosen."""
 
 _BATCH = 256
 
@@ -86,7 +86,7 @@ def plan_constrained(
         margin: Requested distance to all bodies [m]; it is relaxed if necessary, as by `plan`.
         least_margin: Distance that the whole curve is proven to keep from the scene [m], from 0 to `margin`.
         seed: Seed of all random choices.
-        timeout: Time budget of IK and search [s]; short-cutting and rounding may take half of it each.
+        timeout: Time budget of IK and search [s]; shortcutting and rounding may take half of it each.
         balance: Distance that the center of mass keeps from the edges of the wheels' triangle [m]; "robot"
             for the robot's requirement; None to leave balance out.
         torque_scale: Fraction of the effort limits for holding torques; "robot" for the robot's requirement.
@@ -158,7 +158,7 @@ class _Along:
         self._seed, self._timeout = request.seed, request.options.timeout / 2
 
     def shortest(self, path: planners.Path) -> Array | None:
-        """Shorten and smooth a path; return way-points whose spline is valid, shape (m, n), or None."""
+        """Shorten and smooth a path; return waypoints whose spline is valid, shape (m, n), or None."""
         problem, manifold, timeout = self._problem, self._manifold, self._timeout
         short = planners.constrained_shortcut(
             problem.search_problem, manifold, path, seed=self._seed, iterations=SHORTCUTS, timeout=timeout
@@ -169,12 +169,12 @@ class _Along:
     def cheapest(
         self, path: planners.Path, costs: PathCosts, plain: Array | None
     ) -> tuple[Array | None, PathFigures | None, PathFigures | None]:
-        """Return way-points of a path of small cost, its figures, and the figures of the path without costs.
+        """Return waypoints of a path of small cost, its figures, and the figures of the path without costs.
 
         Args:
             path: A path on the manifold.
             costs: Soft costs.
-            plain: Way-points of the path planned without costs [rad or m], shape (m, n).
+            plain: Waypoints of the path planned without costs [rad or m], shape (m, n).
         """
         problem = self._problem
         before = None if plain is None else figures_of(problem, costs, plain)
@@ -209,10 +209,10 @@ class _Along:
         return result.path
 
     def ended(self, path: Array | None, more: dict[str, Any], found: planners.Path) -> Plan:
-        """Return the plan of way-points, which fails if there are none or their spline violates constraints.
+        """Return the plan of waypoints, which fails if there are none or their spline violates constraints.
 
         Args:
-            path: Way-points [rad or m], shape (m, n); None for none.
+            path: Waypoints [rad or m], shape (m, n); None for none.
             more: Other fields of the plan.
             found: Path of the search.
         """
@@ -242,16 +242,16 @@ def _words(tasks: Sequence[Task], path: Array, errors: Sequence[float]) -> str:
     """Return a sentence on a path, shape (m, n), and how much of its tolerance the worst task uses."""
     worst = max(range(len(tasks)), key=lambda k: errors[k] / tasks[k].tolerance)
     used = 100 * errors[worst] / tasks[worst].tolerance
-    return f"Path of {len(path)} way-points; {tasks[worst].name} uses {used:.0f} % of its tolerance."
+    return f"Path of {len(path)} waypoints; {tasks[worst].name} uses {used:.0f} % of its tolerance."
 
 
 def constrained_waypoints(
     path_problem: PathProblem, manifold: planners.ConstraintManifold, candidates: Sequence[planners.Path]
 ) -> Array | None:
-    """Return the fewest equidistant way-points whose spline is valid and keeps the constraints.
+    """Return the fewest equidistant waypoints whose spline is valid and keeps the constraints.
 
-    `retime` follows the cubic spline through way-points.  Its deviation from the manifold falls with the
-    fourth power of the way-points' distance where the path is smooth, so their number is doubled until the
+    `retime` follows the cubic spline through waypoints.  Its deviation from the manifold falls with the
+    fourth power of the waypoints' distance where the path is smooth, so their number is doubled until the
     spline keeps the tolerances everywhere.  The spline keeps half the margins at coarse samples, and is then
     examined closely.
 
@@ -261,7 +261,7 @@ def constrained_waypoints(
         candidates: Paths on the manifold, best first.
 
     Returns:
-        Way-points [rad or m], shape (m, n); None if not even the densest suffice.
+        Waypoints [rad or m], shape (m, n); None if not even the densest suffice.
     """
     pepper, problem, embed = path_problem.checks.pepper, path_problem.relaxed, path_problem.embed
     moving = np.flatnonzero(np.isnan(embed(np.full((1, problem.n), np.nan))[0]))
@@ -309,13 +309,13 @@ def _spline_holds(
 
 
 def largest_errors(pepper: PepperModel, path: Array, tasks: Sequence[Task]) -> tuple[float, ...]:
-    """Return the largest error of each task along the spline through way-points, by Pinocchio.
+    """Return the largest error of each task along the spline through waypoints, by Pinocchio.
 
     No code is shared with the machine code that found the path.
 
     Args:
         pepper: The robot.
-        path: Way-points, shape (k, n) [rad or m].
+        path: Waypoints, shape (k, n) [rad or m].
         tasks: The constraints.
 
     Returns:

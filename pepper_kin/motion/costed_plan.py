@@ -41,7 +41,7 @@ FIRST_STEPS = 45
 _PIECES = (6, 12, 24, 48, 96, 192)  # numbers of pieces of a spline through a path, tried in turn
 _LITTLE = 0.01  # minimum remaining time for a further search [s]
 _CLOSE = 1.01  # maximum cost of a spline, relative to its polyline
-NO_SPLINE = "A path was found, but no spline through way-points of it is free of collision."
+NO_SPLINE = "A path was found, but no spline through waypoints of it is free of collision."
 
 
 def plan_costed(
@@ -63,7 +63,7 @@ def plan_costed(
     """Plan a collision-free path whose length and soft costs together are small.
 
     The integral of 1 + sum of the prices over the length of the path in the planners' metric (see `PathCost`)
-    is reduced by searches with and without the cost (`planners.transition_rrt`, `rrt_connect`), short-cuts
+    is reduced by searches with and without the cost (`planners.transition_rrt`, `rrt_connect`), shortcuts
     that count the cost, and gradient descent (`planners.descend_cost`).  The result is not proven to be the
     minimum.
 
@@ -134,7 +134,7 @@ def costed_path(asked: PlanRequest) -> Plan:
 
 def words(path: Array, found: PathFigures, before: PathFigures | None) -> str:
     """Return a sentence on a path's costs, and on costs and length of the path planned without costs."""
-    text = f"Path of {len(path)} way-points; its costs are {found.integrals.sum():.3g} m"
+    text = f"Path of {len(path)} waypoints; its costs are {found.integrals.sum():.3g} m"
     if before is None:
         return f"{text}."
     shorter = 100 * (1 - before.length / found.length)
@@ -170,9 +170,9 @@ class _CheapSearch:
         self._deadline = deadlines[1]
 
     def cheapest(self) -> tuple[Array | None, PathFigures | None, PathFigures | None]:
-        """Return way-points, shape (m, n), their figures, and the figures of the path planned without costs.
+        """Return waypoints, shape (m, n), their figures, and the figures of the path planned without costs.
 
-        Way-points and their figures are None if no spline is clear.
+        Waypoints and their figures are None if no spline is clear.
         """
         problem, first = self._problem, self.first
         assert first is not None
@@ -221,7 +221,7 @@ class _CheapSearch:
         )  # fmt: skip
 
     def _waypoints(self, path: planners.Path) -> Array | None:
-        """Return the fewest way-points whose spline is clear and costs little more than the path, or None."""
+        """Return the fewest waypoints whose spline is clear and costs little more than the path, or None."""
         allowed, best = _CLOSE * self._price.along(path), None
         for segments in _PIECES:
             points = self._problem.embed(path(np.linspace(0.0, path.length, segments + 1)))
@@ -233,7 +233,7 @@ class _CheapSearch:
 
 
 def figures_of(problem: PathProblem, costs: PathCosts, points: Array) -> PathFigures:
-    """Return length and costs of the spline through way-points [rad or m], shape (m, n)."""
+    """Return length and costs of the spline through waypoints [rad or m], shape (m, n)."""
     weights = np.zeros(problem.start.size)
     weights[problem.free] = problem.metric.weights
     return costs.figures(as_cubic_path(problem.checks.pepper, points), weights)

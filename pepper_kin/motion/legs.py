@@ -88,7 +88,7 @@ class PlanInLegs(FrozenArrays):
 
     @property
     def path(self) -> Array | None:
-        """Way-points of all legs [rad or m], shape (k, n), common ends once, read-only; or None."""
+        """Waypoints of all legs [rad or m], shape (k, n), common ends once, read-only; or None."""
         if not self.success:
             return None
         paths = [one.path for one in self.plans if one.path is not None]

@@ -161,8 +161,8 @@ def proven_margin(
     Args:
         pepper: The robot.
         scene: The world around the robot, with attached objects.
-        path: Way-points [rad or m], shape (k, n).
-        curve: The curve; None if the robot stays at the only way-point.
+        path: Waypoints [rad or m], shape (k, n).
+        curve: The curve; None if the robot stays at the only waypoint.
         most: Maximum distance to prove [m].
     """
     checks = Checks(pepper, scene)

@@ -1,4 +1,4 @@
-"""Search, short-cuts, smoothing and examination of a path, in one call of machine code.
+"""Search, shortcuts, smoothing and examination of a path, in one call of machine code.
 
 `run` does all steps from start and goals to an examined curve, with functions that `planners` offers
 separately.  It returns early if an array is full, time is up, or Python has to decide; `PathSearch` provides
@@ -71,10 +71,10 @@ from pepper_kin.planners.compiled import PathTable as Route
 from pepper_kin.trajectory.path import LIMIT_TOLERANCE, SAME, known_path
 
 SHORTCUTS_TO_COMPARE, GAIN_TO_COMPARE, GAIN_OF_OTHER = 40, 0.02, 0.01
-"""Number of short-cuts tried before other goals, minimum gain of each, and minimum gain of another goal;
+"""Number of shortcuts tried before other goals, minimum gain of each, and minimum gain of another goal;
 gains are relative to the length."""
 SHORTCUTS, PATIENCE, LEAST_GAIN = 120, 60, 0.005
-"""Maximum number of short-cuts before smoothing, number of successive ones without a gain that ends them, and
+"""Maximum number of shortcuts before smoothing, number of successive ones without a gain that ends them, and
 minimum gain of each, relative to the length."""
 FEWEST, MOST = 6, 48
 """Minimum and maximum number of segments of a uniformly smoothed path; it is doubled until it is clear."""
@@ -86,7 +86,7 @@ SAMPLES_TO_FIRST = 512
 """Number of samples of a search for a path to the preferred goal, before a search to all goals."""
 
 SHARE_OF_TIME = 0.02
-"""Fraction of the time budget for short-cuts before other goals, if they are not part of the search."""
+"""Fraction of the time budget for shortcuts before other goals, if they are not part of the search."""
 
 # Stages at which a call may begin.
 SEARCH, SHORTEN, SHORTEN_ON, ROUNDING = range(4)
@@ -115,10 +115,10 @@ class PlannerPath(NamedTuple):
 
 
 class Spline(NamedTuple):
-    """A spline through way-points.
+    """A spline through waypoints.
 
     Attributes:
-        points: Way-points, shape (MOST + 1, n), of which the first segments[0] + 1 count.
+        points: Waypoints, shape (MOST + 1, n), of which the first segments[0] + 1 count.
         breaks: Ends of the segments, shape (MOST + 1,).
         coefficients: Coefficients of each segment, constant term first, shape (MOST, 4, n).
         segments: Number of segments, shape (1,).
@@ -188,7 +188,7 @@ def _begin_shortening(state: PlanningState, size: int) -> None:
 def _compare_goals(state: PlanningState, key: np.uint64) -> None:
     """Let the path end at another goal if that makes it shorter; see `rejoin`.
 
-    All short-cuts are tried regardless of time, so that the path does not depend on the machine's load.
+    All shortcuts are tried regardless of time, so that the path does not depend on the machine's load.
     """
     line, space, size = state.line, state.space, state.line.counters[SIZE]
     _begin_shortening(state, size)
@@ -210,7 +210,7 @@ def _compare_goals(state: PlanningState, key: np.uint64) -> None:
 
 @compiled
 def _write_waypoints(state: PlanningState, size: int, waves: int, scale: float) -> None:
-    """Write the way-points of the smoothed path, see `rounded_waypoints`, or of sines; see `sine_waypoints`.
+    """Write the waypoints of the smoothed path, see `rounded_waypoints`, or of sines; see `sine_waypoints`.
 
     Args:
         state: Data of the search.
@@ -241,7 +241,7 @@ def _write_waypoints(state: PlanningState, size: int, waves: int, scale: float) 
 
 @compiled
 def _try_spline(state: PlanningState, margins: Floats1, waves: int, scale: float) -> int:
-    """Write the spline through way-points, see `_write_waypoints`, and examine it at margins [m].
+    """Write the spline through waypoints, see `_write_waypoints`, and examine it at margins [m].
 
     Return DONE if it is clear, LEAVES_LIMITS or NOT_CLEAR.
     """
@@ -260,7 +260,7 @@ def _try_spline(state: PlanningState, margins: Floats1, waves: int, scale: float
 
 @compiled
 def _round(state: PlanningState) -> int:
-    """Search few way-points whose spline is clear: of sines, then along a uniformly smoothed path."""
+    """Search few waypoints whose spline is clear: of sines, then along a uniformly smoothed path."""
     count = state.spline.segments
     if count[0] == FEWEST and state.line.counters[SIZE] > 2:
         for waves, scale in SINES:
@@ -342,12 +342,12 @@ def run(state: PlanningState, stage: int, seconds: float, key: np.uint64, shortc
         state: Data of the search.
         stage: First stage: SEARCH; SHORTEN, for a path in `line`; SHORTEN_ON, to continue the last call; or
             ROUNDING, for a short path in `line`.
-        seconds: Time budget of search and short-cuts [s].
+        seconds: Time budget of search and shortcuts [s].
         key: Key of the random stream of the search.
-        shortcut_key: Key of the random stream of the short-cuts.
+        shortcut_key: Key of the random stream of the shortcuts.
 
     Returns:
-        DONE, with the way-points in `spline`; SEARCH_ENDED if the search found nothing yet; OUT_OF_TIME or
+        DONE, with the waypoints in `spline`; SEARCH_ENDED if the search found nothing yet; OUT_OF_TIME or
         TOO_MANY_POINTS while shortening; LEAVES_LIMITS if the spline leaves the position limits; NOT_CLEAR if
         no spline is clear.
     """
@@ -407,7 +407,7 @@ class PathSearch:
     Args:
         problem: The planning problem.
         seed: Seed of all random choices.
-        timeout: Time budget of search and short-cuts [s]; short-cuts may take a twentieth more.
+        timeout: Time budget of search and shortcuts [s]; shortcuts may take a twentieth more.
         clock: Clock that measures the time and tells when to pause; None to search without pauses.
     """
 
@@ -520,7 +520,7 @@ class PathSearch:
                 return status, state
 
     def _bent(self, state: PlanningState) -> Way | None:
-        """Return the curve through way-points that keeps the position limits, if it is clear."""
+        """Return the curve through waypoints that keeps the position limits, if it is clear."""
         points = state.spline.points[: state.spline.segments[0] + 1].copy()
         return way_through(self._problem, points, self._problem.relaxed_margins)
 

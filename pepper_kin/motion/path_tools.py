@@ -52,12 +52,12 @@ def simplify_path(
 
     Args:
         pepper: The robot.
-        path: Way-points [rad or m], shape (k, n), joined by straight edges; a piecewise cubic curve; a plan;
+        path: Waypoints [rad or m], shape (k, n), joined by straight edges; a piecewise cubic curve; a plan;
             or a trajectory, whose times are ignored.
         scene: The world around the robot, with attached objects.
         margin: Distance kept to all bodies [m]; less if the path itself is nearer.
-        seed: Seed of the choice of short-cuts.
-        timeout: Time budget of the short-cuts [s].
+        seed: Seed of the choice of shortcuts.
+        timeout: Time budget of the shortcuts [s].
         balance: Distance that the center of mass keeps from the edges of the wheels' triangle [m], with a
             reserve of 2 mm, on the given and on the returned path; "robot" for the robot's requirement; None
             to leave balance out.
@@ -71,7 +71,7 @@ def simplify_path(
     Raises:
         InvalidValueError: for a wrong shape, NaN, a margin below zero, a timeout of zero, an invalid distance
             or mass, balance of a robot without wheels, or a path on which a differential base moves, because
-            short-cuts would let it move sideways.
+            shortcuts would let it move sideways.
         UnknownNameError: for a frame of the payload that the robot lacks.
         InfeasibleError: for a plan that failed, with its reason.
     """
@@ -102,17 +102,17 @@ def simplify_path(
         return ended(PlanStatus.PATH_INVALID, message, states_checked=found.states_checked)
     before = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
     after = float(np.linalg.norm(np.diff(way.points, axis=0), axis=1).sum())
-    message = f"Path of {len(way.points)} way-points, {after / before:.2f} times as long as the one given."
+    message = f"Path of {len(way.points)} waypoints, {after / before:.2f} times as long as the one given."
     return ended.solved(checks.exact, way.points, message, way.curve, states_checked=found.states_checked)
 
 
 def _margin_of(checks: Checks, points: Array, states: Array, free: NDArray[np.int64], margin: float) -> float:
-    """Return a margin that all states between way-points keep, halved until they do [m].
+    """Return a margin that all states between waypoints keep, halved until they do [m].
 
     Args:
         checks: The robot in its scene.
-        points: Way-points [rad or m], shape (k, n).
-        states: States between the way-points [rad or m], shape (m, n).
+        points: Waypoints [rad or m], shape (k, n).
+        states: States between the waypoints [rad or m], shape (m, n).
         free: Indices of the joints that move, shape (j,).
         margin: Requested margin [m].
     """
@@ -125,7 +125,7 @@ def _margin_of(checks: Checks, points: Array, states: Array, free: NDArray[np.in
 
 
 def _followed(path: CubicPath | Trajectory) -> Array:
-    """Return way-points along a curve or trajectory, a hundredth [rad or m] or [s] apart."""
+    """Return waypoints along a curve or trajectory, a hundredth [rad or m] or [s] apart."""
     if isinstance(path, CubicPath):
         return interpolate_path(path, step=RESOLUTION)
     times = np.linspace(0.0, path.duration, 1 + math.ceil(path.duration / RESOLUTION))
@@ -138,9 +138,9 @@ def interpolate_path(
     """Return states along a path, curve or plan, for controllers and files.
 
     Args:
-        path: Way-points [rad or m], shape (k, n), k >= 2, joined by straight edges; a piecewise cubic curve;
+        path: Waypoints [rad or m], shape (k, n), k >= 2, joined by straight edges; a piecewise cubic curve;
             or a plan, whose curve is used.
-        step: Maximum change of any joint from one state to the next [rad or m]; all way-points, or breaks of
+        step: Maximum change of any joint from one state to the next [rad or m]; all waypoints, or breaks of
             the curve, are among the states.
         count: Number of states instead, at equal lengths of the polyline in joint space, or equal steps of
             the curve's parameter; first and last are the path's own.
@@ -162,9 +162,9 @@ def interpolate_path(
     if isinstance(path, PiecewiseCubic):
         curve = CubicPath(path.breaks, path.coefficients)
         return _even_on_curve(curve, number) if step is None else _dense_on_curve(curve, step)
-    points = as_finite(path, "way-points", (None, None))
+    points = as_finite(path, "waypoints", (None, None))
     if len(points) < 2:
-        raise InvalidValueError("way-points", f"{len(points)} way-point(s)", "at least 2")
+        raise InvalidValueError("waypoints", f"{len(points)} waypoint(s)", "at least 2")
     if step is not None:
         return _dense_on_curve(polyline(points), step)
     line = planners.Path(points)

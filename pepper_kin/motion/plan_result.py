@@ -94,8 +94,8 @@ class Plan(BriefRepr):
         status: Status of planning.
         message: What happened, in a sentence with names and numbers.
         joint_names: Order of the joints.
-        path: Way-points [rad or m], shape (k, n), read-only; None unless solved.
-        curve: The curve through the way-points, which was examined against the scene everywhere; `retime`
+        path: Waypoints [rad or m], shape (k, n), read-only; None unless solved.
+        curve: The curve through the waypoints, which was examined against the scene everywhere; `retime`
             follows exactly this curve.  None unless solved, if the start is the goal, and with
             `start_velocity`, where the trajectory was examined instead.
         goal: Configuration reached [rad or m], shape (n,); None unless solved.
@@ -226,7 +226,7 @@ class Ending:
         curve: CubicPath | None = None,
         **more: Any,
     ) -> Plan:
-        """Return a solved plan of way-points, shape (k, n), whose spline or given curve has been examined."""
+        """Return a solved plan of waypoints, shape (k, n), whose spline or given curve has been examined."""
         if curve is None and len(path) > 1:
             curve = as_cubic_path(checker.pepper, path)
         return self(
@@ -262,13 +262,13 @@ def length_of(path: NDArray[np.float64]) -> float:
 def _clearance_along(
     pepper: PepperModel, scene: Scene, path: NDArray[np.float64], curve: CubicPath | None
 ) -> Clearance:
-    """Return the minimum distances along a curve through way-points, at four states for each piece.
+    """Return the minimum distances along a curve through waypoints, at four states for each piece.
 
     Args:
         pepper: The robot.
         scene: The world around the robot, with attached objects.
-        path: Way-points [rad or m], shape (k, n).
-        curve: The curve; None for the way-points only.
+        path: Waypoints [rad or m], shape (k, n).
+        curve: The curve; None for the waypoints only.
     """
     dense = path
     if curve is not None:

@@ -49,9 +49,9 @@ PLANNERS = ("rrt_connect", "aorrtc")
 
 BASE_JOINTS = frozenset(("BaseX", "BaseY"))
 SEARCHES_OF_BASE, DETOURS_OF_BASE, GAP_OF_BASE = 4, 400, 0.1
-"""Numbers of searches and of short-cuts, and excess over the straight line to improve, if the base moves."""
+"""Numbers of searches and of shortcuts, and excess over the straight line to improve, if the base moves."""
 
-NO_SPLINE = "A path was found, but no spline through way-points of it is free of collision."
+NO_SPLINE = "A path was found, but no spline through waypoints of it is free of collision."
 
 
 def plan(
@@ -97,7 +97,7 @@ def plan(
             no path keeps it, and the message states the new value.
         least_margin: Distance that the whole curve is proven to keep from the scene [m], from 0 to `margin`.
         seed: Seed of all random choices.
-        timeout: Time budget [s]; if the search used all of it, short-cuts may take a twentieth more.
+        timeout: Time budget [s]; if the search used all of it, shortcuts may take a twentieth more.
         gap: Relative gap at which "aorrtc" stops: the path is at most ``1 + gap`` times as long as the
             straight line to the nearest goal; None: it stops at the straight line itself, or when time is up.
         balance: Distance that the center of mass keeps from the edges of the wheels' triangle [m], which
@@ -181,7 +181,7 @@ def _free_path(asked: PlanRequest) -> Plan:
         return ended(*why_no_path(problem, searched, request.seed), **more)
     if way is None:
         return ended(PlanStatus.NO_PATH_IN_TIME, NO_SPLINE + narrowest(problem, result.path), **more)
-    message = f"Path of {len(way.points)} way-points.{_how_short(result)}"
+    message = f"Path of {len(way.points)} waypoints.{_how_short(result)}"
     message += relaxation_sentence(problem, way.curve, asked.options.margin)
     if is_left_empty(asked.scene):
         message += f" {LEFT_EMPTY}"
@@ -311,7 +311,7 @@ def find_path(
         planner: "rrt_connect", "aorrtc" or the name of a planner of OMPL.
         seed: Seed of all random choices.
         timeout: Time budget in which a path has to be found [s].
-        compare: Whether the path is shortened and ends at another goal if that is nearer from a way-point.
+        compare: Whether the path is shortened and ends at another goal if that is nearer from a waypoint.
         gap: Relative gap at which "aorrtc" stops, see `plan`.
         total: Time budget of "aorrtc", including the first path [s]; None for `timeout`.
     """

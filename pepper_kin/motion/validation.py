@@ -46,7 +46,7 @@ class DenseStates:
 
     Attributes:
         positions: Joint positions [rad or m], shape (N, n).
-        places: Position of each state along the motion, increasing, shape (N,): index of the way-point plus
+        places: Position of each state along the motion, increasing, shape (N,): index of the waypoint plus
             fraction of the next edge, the curve's parameter, or the time [s].
     """
 
@@ -55,11 +55,11 @@ class DenseStates:
 
 
 def checked_path(pepper: PepperModel, path: Any) -> Array | CubicPath | Trajectory:
-    """Return a path of any kind as way-points, shape (k, n) with k >= 1, a curve or a trajectory.
+    """Return a path of any kind as waypoints, shape (k, n) with k >= 1, a curve or a trajectory.
 
     Args:
         pepper: The robot.
-        path: Way-points [rad or m], shape (k, n); a piecewise cubic curve, such as `Plan.curve`; a plan; or a
+        path: Waypoints [rad or m], shape (k, n); a piecewise cubic curve, such as `Plan.curve`; a plan; or a
             trajectory.
 
     Raises:
@@ -76,14 +76,14 @@ def checked_path(pepper: PepperModel, path: Any) -> Array | CubicPath | Trajecto
         if curve.coefficients.shape[2] != pepper.n:
             raise InvalidValueError("path", f"{curve.coefficients.shape[2]} joints", f"{pepper.n} joints")
         return curve
-    points = np.atleast_2d(as_joint_vectors(pepper, path, "way-points"))
+    points = np.atleast_2d(as_joint_vectors(pepper, path, "waypoints"))
     if points.ndim != 2 or not len(points):
-        raise InvalidValueError("way-points", f"shape {points.shape}", f"shape (k, {pepper.n}), k >= 1")
+        raise InvalidValueError("waypoints", f"shape {points.shape}", f"shape (k, {pepper.n}), k >= 1")
     return points
 
 
 def polyline(points: Array) -> CubicPath:
-    """Return the straight edges between way-points, shape (k, n), k >= 2, as a curve over their indices."""
+    """Return the straight edges between waypoints, shape (k, n), k >= 2, as a curve over their indices."""
     coefficients = np.zeros((len(points) - 1, 4, points.shape[1]))
     coefficients[:, 0], coefficients[:, 1] = points[:-1], np.diff(points, axis=0)
     return CubicPath(np.arange(len(points)).astype(np.float64), coefficients)
@@ -97,7 +97,7 @@ def dense_states(
     Args:
         pepper: The robot.
         scene: The world, with attached objects; None for the robot alone.
-        path: Way-points [rad or m], shape (k, n); a curve or a trajectory.
+        path: Waypoints [rad or m], shape (k, n); a curve or a trajectory.
         step: Maximum motion of a body point between states [m].
 
     Raises:
@@ -189,7 +189,7 @@ class Validation(BriefRepr):
     Attributes:
         status: Limit that the first invalid state violates.
         message: The fault in a sentence, with names and numbers.
-        place: Position of the first invalid state: for way-points the index of the previous one plus the
+        place: Position of the first invalid state: for waypoints the index of the previous one plus the
             fraction of the edge (2.25: a quarter of the way from number 2 to number 3), the curve's
             parameter, or the time [s]; None if all states are valid.
         q: First invalid state [rad or m], shape (n,), read-only; None if all states are valid.
@@ -240,7 +240,7 @@ def validate(
 
     Args:
         pepper: The robot.
-        path: Way-points [rad or m], shape (k, n), joined by straight edges; a piecewise cubic curve; a plan;
+        path: Waypoints [rad or m], shape (k, n), joined by straight edges; a piecewise cubic curve; a plan;
             or a trajectory.
         scene: The world around the robot, with attached objects; None for the robot alone.
         margin: Distance to be kept to the scene [m].

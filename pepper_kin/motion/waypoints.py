@@ -1,4 +1,4 @@
-"""Way-points near a planner's polyline whose spline is collision-free, if uniform smoothing collides."""
+"""Waypoints near a planner's polyline whose spline is collision-free, if uniform smoothing collides."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from pepper_kin.trajectory.path import CubicPath, as_cubic_path
 
 _SEGMENTS = 6
 _MOST_WAYPOINTS = 400
-_DENSE = (0.01, 0.0025)  # distances of way-points along a polyline in the metric, tried in turn [m]
+_DENSE = (0.01, 0.0025)  # distances of waypoints along a polyline in the metric, tried in turn [m]
 
 
 class Way(NamedTuple):
     """A path that has been examined.
 
     Attributes:
-        points: Way-points [rad or m], shape (m, n).
-        curve: The spline through the way-points.
+        points: Waypoints [rad or m], shape (m, n).
+        curve: The spline through the waypoints.
     """
 
     points: Array
@@ -32,7 +32,7 @@ class Way(NamedTuple):
 def way_near(problem: PathProblem, paths: tuple[planners.Path, ...]) -> Way | None:
     """Return the first polyline that smooths into a valid spline, or else follows closely; None if none does.
 
-    `retime` follows a spline through way-points; therefore the spline itself is examined, and way-points are
+    `retime` follows a spline through waypoints; therefore the spline itself is examined, and waypoints are
     added until it is valid everywhere by `is_clear_along`, which checks far more closely than a search.
 
     Args:
@@ -46,7 +46,7 @@ def way_near(problem: PathProblem, paths: tuple[planners.Path, ...]) -> Way | No
 
 
 def way_through(problem: PathProblem, points: Array, margins: tuple[float, float]) -> Way | None:
-    """Return the spline through way-points [rad or m], shape (m, n), if it keeps margins [m] everywhere."""
+    """Return the spline through waypoints [rad or m], shape (m, n), if it keeps margins [m] everywhere."""
     curve = as_cubic_path(problem.checks.pepper, points)
     return Way(points, curve) if problem.is_clear(curve, margins) else None
 

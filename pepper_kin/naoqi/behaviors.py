@@ -1,7 +1,7 @@
 """Behaviors of Choregraphe, run against the twin: boxes, their scripts, signals and timelines.
 
 The boxes of a diagram are loaded with the diagram.  A box that is started loads its own diagram, or plays
-its timeline, whose key frames load diagrams; when the box stops, the diagrams are unloaded.  Signals run
+its timeline, whose keyframes load diagrams; when the box stops, the diagrams are unloaded.  Signals run
 concurrently.
 """
 

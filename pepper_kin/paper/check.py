@@ -29,7 +29,7 @@ class MovementCheck:
     """One movement in minimum time and at the pace of the paper's figures.
 
     Attributes:
-        fast: The movement in minimum time, with its key frames compared with table 5.
+        fast: The movement in minimum time, with its keyframes compared with table 5.
         calm: The movement in `ITERATIONS` iterations of `PERIOD`.
         tilt: Joint angles of the calm movement recovered from sensors on the links.
     """
@@ -165,7 +165,7 @@ def _at(run: Run, values: Array, time: Array) -> Array:
 
 
 def _frames_table(movement: MovementCheck) -> str:
-    """Return the table of a movement's key frames compared with table 5."""
+    """Return the table of a movement's keyframes compared with table 5."""
     gesture, rows = movement.fast.gesture, []
     for j, joint in enumerate(gesture.joint_names):
         for label, values in (

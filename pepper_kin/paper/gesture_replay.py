@@ -22,7 +22,7 @@ class GestureReport(FrozenArrays):
         gesture: The movement and the paper's values.
         trajectory: The timed movement.
         run: Run of the twin.
-        key_times: Times at which the trajectory passes the key frames [s], shape (5,).
+        key_times: Times at which the trajectory passes the keyframes [s], shape (5,).
         commanded: Plan clipped to the joint limits [rad], shape (5, k).
         measured: Positions of the twin at the key times [rad], shape (5, k).
     """
@@ -40,7 +40,7 @@ class GestureReport(FrozenArrays):
 
     @property
     def mean_absolute_error(self) -> Array:
-        """Mean absolute error of measured against commanded positions at the key frames [rad], shape (k,)."""
+        """Mean absolute error of measured against commanded positions at the keyframes [rad], shape (k,)."""
         return np.abs(self.measured - self.commanded).mean(axis=0)
 
     @property
@@ -64,10 +64,10 @@ class GestureReport(FrozenArrays):
         gesture = self.gesture
         lines = [
             f"Movement {gesture.name!r} of the paper's table 5: {self.trajectory.duration:.3f} s, "
-            "key frames at "
+            "keyframes at "
             + ", ".join(f"{t:.3f}" for t in self.key_times)
             + f" s; run {self.run.status.value}",
-            "Mean absolute error against the plan at five key frames [rad]:",
+            "Mean absolute error against the plan at five keyframes [rad]:",
             f"  {'joint':<16}{'ours':>12}{'paper: Gazebo':>16}{'paper: Reality':>16}"
             f"{'ours, rms over time':>22}",
         ]
@@ -125,9 +125,9 @@ def replay(
 ) -> GestureReport:
     """Run one of the paper's movements on the twin and compare it with the paper's table 5.
 
-    The plan's five key frames, clipped to the joint limits, are joined by a spline and timed as fast as all
+    The plan's five keyframes, clipped to the joint limits, are joined by a spline and timed as fast as all
     limits allow, without motion of other joints. The twin follows the trajectory, and its positions are read
-    at the times of the key frames.
+    at the times of the keyframes.
 
     Args:
         pepper: Pepper.
@@ -155,9 +155,9 @@ def replay(
 
 
 def passing_times(trajectory: Trajectory, points: Array) -> Array:
-    """Return the times at which a trajectory of `retime` passes its way-points [s], shape (k,).
+    """Return the times at which a trajectory of `retime` passes its waypoints [s], shape (k,).
 
-    The time scaling keeps every way-point as a knot; the knots are matched in order.
+    The time scaling keeps every waypoint as a knot; the knots are matched in order.
     """
     at_knots = trajectory(trajectory.knots).position
     times, first = [], 0

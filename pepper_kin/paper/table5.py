@@ -26,7 +26,7 @@ class PaperGesture(FrozenArrays):
         name: "left-arm", "right-arm" or "head".
         joint_names: Names of the moved joints.
         printed_labels: Labels of the joints in the paper.
-        plan: Key frames planned in RViz2 [rad], shape (5, k).
+        plan: Keyframes planned in RViz2 [rad], shape (5, k).
         gazebo: Positions in Gazebo [rad], shape (5, k).
         choregraphe: Positions in Choregraphe [rad], shape (5, k).
         reality: Positions of the paper's robot [rad], shape (5, k).

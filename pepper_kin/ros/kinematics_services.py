@@ -140,7 +140,7 @@ class KinematicsServices:
     def compute_cartesian_path(self, request: Any) -> Any:
         """Return moveit_msgs/srv/GetCartesianPath_Response: a timed motion of a hand along lines.
 
-        Only positions of the way-points count.  If the hand stops early, `fraction` is the completed part of
+        Only positions of the waypoints count.  If the hand stops early, `fraction` is the completed part of
         the path, and `error_code.message` the reason.
         """
         response = message_type(f"{PATH_TYPE}_Response")()

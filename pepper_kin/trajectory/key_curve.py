@@ -1,4 +1,4 @@
-"""Conversion of keys with handles, and of key frames, to piecewise cubics in time."""
+"""Conversion of keys with handles, and of keyframes, to piecewise cubics in time."""
 
 from __future__ import annotations
 
@@ -305,7 +305,7 @@ def from_keyframes(
     frames = _in_order(keyframes)
     keys: dict[str, list[Key]] = {name: [] for name in pepper.joint_names}
     for time, frame in frames:
-        q = _position(pepper, frame, f"key frame at {time:.6g} s")
+        q = _position(pepper, frame, f"keyframe at {time:.6g} s")
         for name in pepper.resolve_joints(frame) if isinstance(frame, Mapping) else pepper.joint_names:
             keys[name].append(Key(time, float(q[pepper.joint_index(name)])))
     curves = tuple(JointCurve(name, tuple(those)) for name, those in keys.items() if those)
@@ -320,15 +320,15 @@ def _in_order(keyframes: Any) -> list[tuple[float, Frame]]:
         entries = keyframes.items() if isinstance(keyframes, Mapping) else keyframes
         pairs = [(time, frame) for time, frame in entries]
     except (TypeError, ValueError):
-        raise InvalidValueError("key frames", repr(keyframes), allowed) from None
-    times = [float(as_finite(time, "time of a key frame", ())) for time, _ in pairs]
+        raise InvalidValueError("keyframes", repr(keyframes), allowed) from None
+    times = [float(as_finite(time, "time of a keyframe", ())) for time, _ in pairs]
     if (
         not times
         or times[0] < 0
         or times[-1] == 0
         or any(after <= before for before, after in pairwise(times))
     ):
-        raise InvalidValueError("times of key frames", times[:8], allowed)
+        raise InvalidValueError("times of keyframes", times[:8], allowed)
     return list(zip(times, (frame for _, frame in pairs), strict=True))
 
 

@@ -16,7 +16,7 @@ from pepper_kin.exceptions import InfeasibleError, InvalidValueError
 from pepper_kin.model import PepperModel
 from pepper_kin.model.joint_vectors import as_finite, as_joint_vectors, check_within_limits
 
-SAME = 1e-9  # distance up to which two way-points are equal [rad or m]
+SAME = 1e-9  # distance up to which two waypoints are equal [rad or m]
 LIMIT_TOLERANCE = 1e-9  # violation of position limits that is attributed to rounding [rad or m]
 _ALONG = 1e-6  # maximum component across the path, relative to the velocity
 
@@ -43,7 +43,7 @@ class PlannedPath(Protocol):
 
 
 _ALLOWED = (
-    "a plan, way-points of shape (k, n), or a curve such as plan.curve; of other results their path, their "
+    "a plan, waypoints of shape (k, n), or a curve such as plan.curve; of other results their path, their "
     "trajectory, or their own retime()"
 )
 
@@ -135,14 +135,14 @@ def turning_points(step: Array, coefficients: Array) -> tuple[NDArray[np.int64],
 def as_cubic_path(
     pepper: PepperModel, path: PathLike, begin: tuple[Array, Array | None] | None = None
 ) -> CubicPath:
-    """Return way-points, a piecewise cubic curve or a plan as a `CubicPath` within the position limits.
+    """Return waypoints, a piecewise cubic curve or a plan as a `CubicPath` within the position limits.
 
-    Way-points are joined by a cubic spline with continuous second derivative over the chord length, with unit
-    speed along the first and the last chord.  Between way-points the spline leaves the polyline (two
-    way-points give the straight line); if that matters, give a curve that was checked, such as
+    Waypoints are joined by a cubic spline with continuous second derivative over the chord length, with unit
+    speed along the first and the last chord.  Between waypoints the spline leaves the polyline (two
+    waypoints give the straight line); if that matters, give a curve that was checked, such as
     `pepper_kin.planners.smooth` returns.  A joint that the spline would move out of its limits although all
-    way-points are inside follows a monotone cubic spline instead (`_monotone`), which has no overshoot and
-    passes way-points with zero second derivative.
+    waypoints are inside follows a monotone cubic spline instead (`_monotone`), which has no overshoot and
+    passes waypoints with zero second derivative.
 
     With `begin`, a robot in motion can follow the spline: it starts in the direction of the velocity or, from
     rest, of the acceleration.  With both, its second derivative at the start is such that q' d2s/dt2 + q''
@@ -150,16 +150,16 @@ def as_cubic_path(
 
     Args:
         pepper: The robot.
-        path: Way-points [rad or m], shape (k, n), k >= 2; an object with `breaks` and `coefficients` as
+        path: Waypoints [rad or m], shape (k, n), k >= 2; an object with `breaks` and `coefficients` as
             in `PiecewiseCubic`; or a plan, whose curve is used.
-        begin: Initial velocity [rad/s or m/s] and acceleration [rad/s^2 or m/s^2] for way-points, shape (n,)
+        begin: Initial velocity [rad/s or m/s] and acceleration [rad/s^2 or m/s^2] for waypoints, shape (n,)
             each, at least one of them not zero; None for no acceleration, or for neither.
 
     Returns:
         The path.
 
     Raises:
-        InvalidValueError: for one way-point, equal successive way-points, a start that equals the goal, NaN,
+        InvalidValueError: for one waypoint, equal successive waypoints, a start that equals the goal, NaN,
             or a wrong shape.
         LimitError: if the path leaves the position limits, naming the joint.
         InfeasibleError: for a plan that failed, with its reason.
@@ -284,7 +284,7 @@ def _checked(pepper: PepperModel, curve: CubicPath) -> CubicPath:
 
 
 def _quick_spline(pepper: PepperModel, path: Any) -> CubicPath | None:
-    """Return the spline through way-points; None if they need closer checks or violate limits."""
+    """Return the spline through waypoints; None if they need closer checks or violate limits."""
     try:
         points = np.asarray(path)
         if (
@@ -326,27 +326,27 @@ def known_path(pepper: PepperModel, breaks: Array, coefficients: Array) -> Cubic
 
 
 def _waypoints(pepper: PepperModel, path: Any) -> Array:
-    points = as_joint_vectors(pepper, path, "way-points")
+    points = as_joint_vectors(pepper, path, "waypoints")
     if points.ndim != 2:
-        raise InvalidValueError("way-points", f"shape {points.shape}", f"shape (k, {pepper.n})")
+        raise InvalidValueError("waypoints", f"shape {points.shape}", f"shape (k, {pepper.n})")
     if len(points) < 2:
-        raise InvalidValueError("way-points", f"{len(points)} way-point(s)", "at least 2")
+        raise InvalidValueError("waypoints", f"{len(points)} waypoint(s)", "at least 2")
     same = np.flatnonzero(np.linalg.norm(np.diff(points, axis=0), axis=1) <= SAME)
     if same.size and len(points) == 2:
-        raise InvalidValueError("way-points", "a start that equals the goal", "a path longer than zero")
+        raise InvalidValueError("waypoints", "a start that equals the goal", "a path longer than zero")
     if same.size:
         raise InvalidValueError(
-            "way-points",
+            "waypoints",
             f"rows {same[0]} and {same[0] + 1} are equal",
             "successive ones that differ: leave one out; for a pause, time the parts and join them by then()",
         )
     for index, point in enumerate(points):
-        check_within_limits(pepper, point, f"way-point {index}", LIMIT_TOLERANCE)
+        check_within_limits(pepper, point, f"waypoint {index}", LIMIT_TOLERANCE)
     return points
 
 
 def _through_waypoints(pepper: PepperModel, points: Array) -> CubicPath:
-    """Return the spline through way-points [rad or m], shape (k, n), within the position limits."""
+    """Return the spline through waypoints [rad or m], shape (k, n), within the position limits."""
     s, segments = np.empty(len(points)), np.empty((len(points) - 1, 4, pepper.n))
     cubic_spline(np.ascontiguousarray(points), s, segments)
     curve, lengths = CubicPath(s, segments), np.diff(s)
@@ -367,12 +367,12 @@ def _through_waypoints(pepper: PepperModel, points: Array) -> CubicPath:
 
 
 def _monotone(lengths: Array, slopes: Array) -> Array:
-    """Return monotone cubics with continuous second derivative, which is zero at each way-point.
+    """Return monotone cubics with continuous second derivative, which is zero at each waypoint.
 
     The second derivative is linear between the ends and the thirds of a chord of slope c, where it is m1 and
     m2.  With first derivatives d0 and d1 at the ends, chord length h,
         m1 = (9 c - 6 d0 - 3 d1) / h,   m2 = (6 d1 + 3 d0 - 9 c) / h
-    lead from one way-point to the next.  The minimum of the first derivative is c (3 - (d0 + d1) / c), or its
+    lead from one waypoint to the next.  The minimum of the first derivative is c (3 - (d0 + d1) / c), or its
     value (3 c - d) / 2 at a third, or d at an end: with 0 <= d0, d1 <= 3 c / 2 its sign never changes.
     Within that bound, d is the harmonic mean of the chords' slopes (Fritsch and Butland, 1984).
 
@@ -381,7 +381,7 @@ def _monotone(lengths: Array, slopes: Array) -> Array:
         slopes: Slopes of the joints along the chords, shape (k, n).
 
     Returns:
-        Coefficients of three pieces for each chord relative to its first way-point, shape (3 k, 4, n).
+        Coefficients of three pieces for each chord relative to its first waypoint, shape (3 k, 4, n).
     """
     before, after = slopes[:-1], slopes[1:]
     both = np.where(before * after > 0, before + after, np.inf)

@@ -90,7 +90,7 @@ def retime(
     Args:
         pepper: The robot, which gives the limits; infinite velocity and effort limits do not act.
         path: A plan, or a piecewise cubic curve such as `Plan.curve` or `pepper_kin.planners.SmoothPath`,
-            which is followed exactly, with a stop at each kink; or way-points [rad or m], shape (k, n),
+            which is followed exactly, with a stop at each kink; or waypoints [rad or m], shape (k, n),
             joined by a cubic spline that leaves the polyline between them (see
             `pepper_kin.trajectory.path.as_cubic_path`).
         velocity_scale: Fraction of the velocity limits to use, in (0, 1].
@@ -118,17 +118,17 @@ def retime(
         path_speed: Maximum rate of the curve's parameter [1/s; m/s if the parameter is a length in meters];
             None for no such limit.  Not with `jerk` or solver="toppra".
         start_velocity: Initial velocity [rad/s or m/s], shape (n,), in the initial direction of a curve; a
-            spline through way-points is made to begin in that direction.  Not with `duration` or
+            spline through waypoints is made to begin in that direction.  Not with `duration` or
             solver="toppra".
         start_acceleration: Initial acceleration of a motion with jerk limits [rad/s^2 or m/s^2], shape (n,):
             the one that a curve's curvature requires at `start_velocity`, plus any along the curve; a spline
-            through way-points is made to fit.  None for d2s/dt2 = 0 at the start.
+            through waypoints is made to fit.  None for d2s/dt2 = 0 at the start.
 
     Returns:
         The trajectory; `Trajectory.active_limits` tells which limit acts at each instant.
 
     Raises:
-        InvalidValueError: for an option out of range; one way-point, repeated way-points or a path of zero
+        InvalidValueError: for an option out of range; one waypoint, repeated waypoints or a path of zero
             length; NaN; a joint that moves and has no limit of acceleration; a path along which no limit
             acts; or a path that does not begin along `start_velocity`.
         UnknownNameError: for a frame or joint that the robot lacks, or a name of jerk limits.

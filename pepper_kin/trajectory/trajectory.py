@@ -152,7 +152,7 @@ class Trajectory(FrozenArrays):
         *,
         start: str | ArrayLike | None = None,
     ) -> Trajectory:
-        """Return the motion through key frames: postures at given times, of all joints or some.
+        """Return the motion through keyframes: postures at given times, of all joints or some.
 
             wave = Trajectory.from_keyframes(
                 pepper, {0.0: "Stand", 1.0: {"RShoulderPitch": -0.9, "RElbowRoll": 1.2}, 2.5: "Stand"}
@@ -344,7 +344,7 @@ class Trajectory(FrozenArrays):
         """Return this trajectory with another one that begins `overlap` [s] before this one ends.
 
         During the overlap both motions are added, q(t) = q_1(t) + q_2(t - T_1 + overlap) - q_via, so that the
-        robot passes near the way-point instead of stopping there.  The sum may exceed limits that each motion
+        robot passes near the waypoint instead of stopping there.  The sum may exceed limits that each motion
         keeps, and leaves the paths of both: check it, and slow it down if necessary.
 
         Raises:

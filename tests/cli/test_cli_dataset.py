@@ -54,8 +54,8 @@ def test_made_checked_shown_and_resumed(run, made):
 def test_refused_in_a_line(run, made, tmp_path):
     for words, text in (
         (("show", made, "--row", 50), "row: got 50"),
-        (("show", tmp_path), "holds no data set"),
-        (("resume", tmp_path / "nothing"), "no data set that was begun"),
+        (("show", tmp_path), "holds no dataset"),
+        (("resume", tmp_path / "nothing"), "no dataset that was begun"),
         (("make", tmp_path / "gone.yaml"), r"gone.yaml: cannot be read"),
         (("make", tmp_path / "mine.yaml", "-o", made, "--workers", -1), "workers: got -1"),
     ):

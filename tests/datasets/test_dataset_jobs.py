@@ -46,7 +46,7 @@ def test_scenes_are_taken_from_values_and_files_beside_the_job(tmp_path):
 
 
 REFUSED = {
-    "kind: ikk\nrows: 5\n": "unknown kind of data set 'ikk'.*available: ik",
+    "kind: ikk\nrows: 5\n": "unknown kind of dataset 'ikk'.*available: ik",
     "kind: ik\nrows: 0\n": "rows: got 0",
     "kind: ik\nrows: 5\nrow: 3\n": "unknown field 'row'.*did you mean",
     "kind: ik\n": "lacks 'rows'",

@@ -32,7 +32,7 @@ def job(tmp_path):
 
 
 def contents(folder):
-    """Return the bytes of all files of a data set, the lock excepted."""
+    """Return the bytes of all files of a dataset, the lock excepted."""
     place = Path(folder)
     return {
         p.relative_to(place): p.read_bytes() for p in place.rglob("*") if p.is_file() and p.name != ".lock"
@@ -195,7 +195,7 @@ def test_another_job_in_the_folder_and_a_folder_with_other_things(job, tmp_path)
     (tmp_path / "mine/letter.txt").write_text("dear")
     with pytest.raises(InvalidValueError, match=r"letter\.txt"):
         datasets.make(job, tmp_path / "mine")
-    with pytest.raises(FileFormatError, match="holds no data set"):
+    with pytest.raises(FileFormatError, match="holds no dataset"):
         datasets.resume(tmp_path / "mine")
     text = (tmp_path / "data/job.yaml").read_text()
     (tmp_path / "data/job.yaml").write_text(re.sub("pepper_kin: .*", "pepper_kin: 0.0.9", text))
@@ -335,7 +335,7 @@ def test_on_an_address_of_fsspec(job, undisturbed):
 
 @pytest.mark.thorough
 def test_memory_does_not_grow_with_the_rows_that_are_read(tmp_path):
-    """Row after row of a data set a hundred times a group: the arrays of one group are in memory."""
+    """Row after row of a dataset a hundred times a group: the arrays of one group are in memory."""
     import tracemalloc
 
     made = datasets.make(small_job("ik", tmp_path, rows=4000, rows_per_shard=100), tmp_path / "a", workers=0)

@@ -1,4 +1,4 @@
-"""Each kind of data set at small size: its rows are held against laws, and read by others."""
+"""Each kind of dataset at small size: its rows are held against laws, and read by others."""
 
 import re
 
@@ -17,7 +17,7 @@ from pepper_kin.learning import PepperVectorEnv
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    """Return a function that makes the small data set of a kind, once."""
+    """Return a function that makes the small dataset of a kind, once."""
     found = {}
 
     def make(kind):

@@ -156,7 +156,7 @@ def test_files_of_other_formats_that_are_lost_or_changed_are_named(format, tmp_p
     missing, strange, damaged = datasets.check(folder, sample=0).faults
     assert first.name in missing
     assert "is missing" in missing
-    assert "no file of this data set" in strange
+    assert "no file of this dataset" in strange
     assert others[-1].name in damaged
     assert "SHA-256" in damaged
     (folder / f"{format}.json").write_text("{")
@@ -170,7 +170,7 @@ def test_files_of_other_formats_that_are_lost_or_changed_are_named(format, tmp_p
 
 
 def test_the_numbers_of_a_demonstration_have_names(tmp_path):
-    """The data set's JSON says which number is what: by the positions of the rows, and by kinematics."""
+    """The dataset's JSON says which number is what: by the positions of the rows, and by kinematics."""
     job = small_job("demonstrations", tmp_path, rows=1, format="lerobot")
     made = datasets.make(job, tmp_path / "data", workers=0)
     place, row, robot = tmp_path / "data/lerobot", made[0], pepper()

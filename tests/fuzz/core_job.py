@@ -201,7 +201,7 @@ def plans(rng: np.random.Generator, count: int) -> Iterator[Any]:
 
 @job
 def timings(rng: np.random.Generator, count: int) -> Iterator[Any]:
-    """Timing of plans and way-points: torque, balance, jerk, loads; certificates; motions without a plan."""
+    """Timing of plans and waypoints: torque, balance, jerk, loads; certificates; motions without a plan."""
     import pepper_kin as pk
 
     robot = pk.load_pepper()

@@ -494,7 +494,7 @@ FILES: dict[str, dict[str, Build]] = {
     "recording header": {"a list in a header": header, "brackets in a header": filled("", "[")},
     "recording": {"members of a chunk": members},
     "reach map": {"voxels": grid, "members of a map": members},
-    "data set job": {"points of a job": scene_of_job, "brackets of a job": filled("", "[")},
+    "dataset job": {"points of a job": scene_of_job, "brackets of a job": filled("", "[")},
     "policy": {"weights": layer, "members of a policy": members},
     "key points": {"frames": frames, "members of key points": members},
     "key points CSV": {"rows of points": filled(POINTS, lambda i: f"{i + 1},1,2,3\n")},

@@ -288,7 +288,7 @@ READERS: dict[str, Reader] = {
     "policy": Reader(
         "policy.npz", with_path(load_policy, policy), archive_damage(lambda: packed(policy_arrays()))
     ),
-    "data set job": Reader("mine.yaml", with_path(load_job, dataset_job), text_damage(DATASET_JOB)),
+    "dataset job": Reader("mine.yaml", with_path(load_job, dataset_job), text_damage(DATASET_JOB)),
     "manifest": Reader(
         "manifest.json",
         lambda path: dataset(path.parent),

@@ -164,7 +164,7 @@ def dataset_job(found: DatasetJob) -> None:
 
 
 def dataset(folder: Path) -> None:
-    """Read all rows of a data set."""
+    """Read all rows of a dataset."""
     found = datasets.open(folder)
     rows = found.numpy()
     require(rows["row"].tolist() == list(range(len(found))), "rows")

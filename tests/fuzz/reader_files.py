@@ -219,7 +219,7 @@ planner: {collisions: false, restarts: 2}
 
 @cache
 def dataset_files() -> dict[str, bytes]:
-    """Return the files of a data set by their names in its folder."""
+    """Return the files of a dataset by their names in its folder."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "mine.yaml").write_text(DATASET_JOB)

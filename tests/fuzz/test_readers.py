@@ -31,7 +31,7 @@ READERS = (
     "MCAP", "robot's log", "joint states CSV", "joint states MCAP", "bag", "table", "columns",
     "columns of a CSV",
     "Choregraphe behavior", "Choregraphe boxes", "Choregraphe project", "Choregraphe export", "run",
-    "motion", "recording header", "recording", "reach map", "policy", "data set job",
+    "motion", "recording header", "recording", "reach map", "policy", "dataset job",
     "manifest", "shard", "key points", "key points CSV", "STL",
     "STL text", "OBJ", "COLLADA", "PLY", "glTF", "Pepper's meshes",
 )  # fmt: skip

@@ -26,7 +26,7 @@ def robots():
 
 
 def random_path(pepper, rng):
-    """Way-points of all joints or a few, near or far, some of which rest; the base drives within 1 m."""
+    """Waypoints of all joints or a few, near or far, some of which rest; the base drives within 1 m."""
     count = int(rng.integers(2, 7))
     lower, upper = np.maximum(pepper.lower_limits, -3.0), np.minimum(pepper.upper_limits, 3.0)
     legs = [pepper.joint_index(name) for name in ("KneePitch", "HipPitch", "HipRoll")]

@@ -1,4 +1,4 @@
-"""Goals found together, way-points of a rounded path, and the examination of curves, by coal and scipy."""
+"""Goals found together, waypoints of a rounded path, and the examination of curves, by coal and scipy."""
 
 import numpy as np
 import pytest

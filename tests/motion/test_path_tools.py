@@ -198,7 +198,7 @@ def test_misuse_is_named(pepper, across):
         interpolate_path(ends[:1], step=0.1)
     with pytest.raises(InvalidValueError, match="margin: got -1"):
         validate(pepper, ends, margin=-1)
-    with pytest.raises(InvalidValueError, match="way-points: got shape"):
+    with pytest.raises(InvalidValueError, match="waypoints: got shape"):
         validate(pepper, ends[:, :3])
     failed = pk.motion.Plan(PlanStatus.NO_PATH_IN_TIME, "No path.", pepper.joint_names)
     for tool in (validate, simplify_path):

@@ -328,7 +328,7 @@ def test_code_is_loaded_before_the_clock_starts(pepper, monkeypatch, options):
 @pytest.mark.parametrize("distance", [1.1e-9, 1e-8, 9e-8, 1e-6])
 @pytest.mark.parametrize("smooth", [False, True])
 def test_goals_that_are_all_but_the_start_are_no_error(distance, smooth):
-    """Way-points between them were refused as equal."""
+    """Waypoints between them were refused as equal."""
     pepper = pk.load_pepper()
     start = pepper.posture("Stand")
     goal = start.copy()

@@ -59,7 +59,7 @@ def test_every_movement_is_tracked_to_a_tenth_of_the_papers_error(found):
         again = np.sqrt(np.mean((measured - commanded) ** 2, axis=0))
         assert again.max() < TRACKING_LIMIT
         assert again == pytest.approx(movement.tracking[1], rel=0.1, abs=1e-8)
-        # At the paper's pace and in minimum time alike, the key frames are met to a tenth of its columns.
+        # At the paper's pace and in minimum time alike, the keyframes are met to a tenth of its columns.
         for report in (movement.fast, movement.calm):
             assert report.mean_absolute_error.max() < TRACKING_LIMIT
             assert report.gesture.paper_error("gazebo").max() >= 0.008

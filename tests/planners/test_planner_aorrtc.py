@@ -106,7 +106,7 @@ def test_searches_stay_where_paths_can_be_short(inside: float, toy) -> None:  # 
 
 
 def test_other_way_around_is_found(toy) -> None:  # type: ignore[no-untyped-def]
-    """The path given goes the long way; short-cuts cannot leave it, the improvement can."""
+    """The path given goes the long way; shortcuts cannot leave it, the improvement can."""
     world = toy.world([[0.2, 0.15]], [[0.8, 0.9]])
     problem = Problem([0, 0], [1, 1], [0.1, 0.5], [0.9, 0.5], toy.code(world, 0.002), resolution=0.004)
     over = Path([[0.1, 0.5], [0.1, 0.95], [0.9, 0.95], [0.9, 0.5]])

@@ -73,7 +73,7 @@ def test_every_point_of_a_path_through_a_hole_is_on_the_sphere_and_valid(through
     for path in paths:
         np.testing.assert_array_equal(path.points[0], problem.start)
         np.testing.assert_array_equal(path.points[-1], problem.goals[0])
-        assert np.abs((dense(path) ** 2).sum(axis=1) - 1.0).max() <= TOLERANCE  # between way-points too
+        assert np.abs((dense(path) ** 2).sum(axis=1) - 1.0).max() <= TOLERANCE  # between waypoints too
         assert wall_with_a_hole(path.points).all()
         assert np.diff(path.arc_lengths).max() <= problem.spacing * (1 + 1e-12)
     assert paths[1].length <= found.path.length

@@ -23,7 +23,7 @@ def test_a_path_ends_at_the_goal_that_is_nearest_from_a_way_point(wall, machine_
 
 
 def test_what_stands_in_the_way_is_gone_round(wall, machine_code) -> None:  # type: ignore[no-untyped-def]
-    """From the start the wall hides the second goal; from the way-point before the gap it does not."""
+    """From the start the wall hides the second goal; from the waypoint before the gap it does not."""
     goals = [[0.9, 0.9], [0.6, 0.5]]
     problem = Problem([0, 0], [1, 1], [0.2, 0.2], goals, machine_code(wall), resolution=0.01)
     path = Path(np.array([[0.2, 0.2], [0.2, 0.5], [0.6, 0.52], [0.9, 0.9]]))

@@ -43,7 +43,7 @@ def test_plane_worlds(name: str, request: pytest.FixtureRequest, machine_code) -
         result = rrt_connect(problem, seed=seed, timeout=60.0)
         assert result.status is Status.SOLVED
         assert world.path_free(result.path.points)
-        assert np.all(np.diff(result.path.arc_lengths) > 0.0)  # no way-point twice, not even where trees meet
+        assert np.all(np.diff(result.path.arc_lengths) > 0.0)  # no waypoint twice, not even where trees meet
         assert certify(problem, result.path).success
         assert result.cost == result.path.length
         assert result.goal_index == 0
@@ -164,7 +164,7 @@ def test_no_path_ends_in_time(timeout: float, closed_wall, machine_code) -> None
 
 @pytest.mark.parametrize("seed", range(6))
 def test_whole_chain_to_a_smooth_curve(seed: int, maze, machine_code) -> None:  # type: ignore[no-untyped-def]
-    """Search, short-cuts and rounding with half the margin; the curve is free at every point."""
+    """Search, shortcuts and rounding with half the margin; the curve is free at every point."""
     resolution = 0.014
     wide, half = (
         Problem([0, 0], [1, 1], [0.05, 0.05], [0.95, 0.95], machine_code(maze, margin), resolution=resolution)
@@ -313,7 +313,7 @@ def test_a_wall_between_two_halves_shuts_nobody_in(closed_wall, machine_code) ->
 
 @pytest.mark.parametrize("step", [0.3, 0.0025])
 def test_paths_of_any_number_of_way_points_are_whole(step: float) -> None:
-    """Few way-points are traced in the call that finds them, more than it has room for afterwards.
+    """Few waypoints are traced in the call that finds them, more than it has room for afterwards.
 
     A dot is in the way of the straight edge, so that the trees meet soon even where steps are short.
     """

@@ -193,7 +193,7 @@ def test_detours_never_leave_the_box() -> None:
 def test_skipping_ahead_goes_straight_as_far_as_it_can(name: str, request: pytest.FixtureRequest) -> None:
     """What is kept, and what was skipped, is looked at by the exact test of whole segments.
 
-    A new edge is free of the obstacles; of the way-points that it could have gone to and that were asked for
+    A new edge is free of the obstacles; of the waypoints that it could have gone to and that were asked for
     before, none can be reached straight even past obstacles grown by the margin.
     """
     world, margin = request.getfixturevalue(name), 0.007

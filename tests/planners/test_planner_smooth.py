@@ -151,7 +151,7 @@ def test_invalid_path_is_named() -> None:
 def test_path_without_length_is_refused() -> None:
     for points in [[[0.5, 0.5]], [[0.5, 0.5], [0.5, 0.5]], [[0.5, 0.5], [0.5, 0.5 + 1e-12]]]:
         with pytest.raises(
-            InvalidValueError, match=r"path: got length .*, expected a path whose way-points differ"
+            InvalidValueError, match=r"path: got length .*, expected a path whose waypoints differ"
         ):
             smooth(free_problem(2), Path(points))
 

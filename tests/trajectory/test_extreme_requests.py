@@ -67,7 +67,7 @@ def test_grids_without_end_are_refused(pepper, points):
 def test_paths_that_lead_nowhere_are_refused_by_name(pepper, points):
     start, goal = points
     for path, words in (
-        ([start], "1 way-point"),
+        ([start], "1 waypoint"),
         ([start, start], "a start that equals the goal"),
         ([start, goal, goal], "rows 1 and 2 are equal"),
         (start, r"expected shape \(k, 15\)"),

@@ -1,4 +1,4 @@
-"""Trajectories through recorded positions and key frames, beside SciPy, with their warnings."""
+"""Trajectories through recorded positions and keyframes, beside SciPy, with their warnings."""
 
 import warnings
 
@@ -186,15 +186,15 @@ def test_key_frames_may_be_pairs_and_begin_elsewhere():
 
 def test_wrong_key_frames_are_named():
     for frames, error, words in [
-        ({}, InvalidValueError, "times of key frames"),
-        ({0.0: "Stand"}, InvalidValueError, "times of key frames"),
-        ([(2.0, "Stand"), (1.0, "Crouch")], InvalidValueError, "times of key frames"),
-        (["Stand", "Crouch"], InvalidValueError, "key frames: got"),
+        ({}, InvalidValueError, "times of keyframes"),
+        ({0.0: "Stand"}, InvalidValueError, "times of keyframes"),
+        ([(2.0, "Stand"), (1.0, "Crouch")], InvalidValueError, "times of keyframes"),
+        (["Stand", "Crouch"], InvalidValueError, "keyframes: got"),
         ({1.0: "Sit"}, UnknownNameError, "unknown posture 'Sit'"),
         ({1.0: {"Tail": 0.1}}, UnknownNameError, "unknown joint or group 'Tail'"),
-        ({1.0: {}}, InvalidValueError, "key frame at 1 s: got no joint"),
-        ({1.0: {"HeadYaw": np.nan}}, InvalidValueError, "key frame at 1 s: position of HeadYaw: got nan"),
-        ({1.0: {"HeadYaw": 3.0}}, LimitError, "key frame at 1 s: HeadYaw = 3 rad is outside"),
+        ({1.0: {}}, InvalidValueError, "keyframe at 1 s: got no joint"),
+        ({1.0: {"HeadYaw": np.nan}}, InvalidValueError, "keyframe at 1 s: position of HeadYaw: got nan"),
+        ({1.0: {"HeadYaw": 3.0}}, LimitError, "keyframe at 1 s: HeadYaw = 3 rad is outside"),
     ]:
         with pytest.raises(error, match=words):
             pk.Trajectory.from_keyframes(PEPPER, frames)

@@ -31,7 +31,7 @@ def one_joint(axis="0 0 1", velocity="1000", acceleration="5", effort="1e6"):
 
 
 def random_waypoints(pepper, seed, count=5, share=0.25):
-    """Way-points away from the limits, the legs near upright where torque limits can hold the body."""
+    """Waypoints away from the limits, the legs near upright where torque limits can hold the body."""
     rng = np.random.default_rng(seed)
     lower, upper = pepper.lower_limits.copy(), pepper.upper_limits.copy()
     lower[:3], upper[:3] = share * lower[:3], share * upper[:3]
@@ -193,7 +193,7 @@ def test_waypoints_on_the_limits_do_not_overshoot(pepper):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_joints_with_way_points_on_their_limits_are_monotone_and_smooth(pepper, seed):
-    """Where the spline would leave the limits: between way-points no turn, and two derivatives that meet."""
+    """Where the spline would leave the limits: between waypoints no turn, and two derivatives that meet."""
     rng = np.random.default_rng(seed)
     points = random_waypoints(pepper, seed)
     joint = pepper.joint_index("LShoulderRoll")
@@ -255,13 +255,13 @@ def test_refusals_name_what_is_wrong(pepper):
     outside = goal.copy()
     outside[3] = 5.0
     for points, error, message in [
-        ([q], InvalidValueError, r"way-points: got 1 way-point\(s\), expected at least 2"),
+        ([q], InvalidValueError, r"waypoints: got 1 waypoint\(s\), expected at least 2"),
         ([q, q], InvalidValueError, "a start that equals the goal"),
         ([q, goal, goal], InvalidValueError, "rows 1 and 2 are equal"),
-        (q, InvalidValueError, r"way-points: got shape \(15,\)"),
+        (q, InvalidValueError, r"waypoints: got shape \(15,\)"),
         ([q, goal * np.nan], InvalidValueError, "nan at joint KneePitch"),
         ([q[:4], goal[:4]], InvalidValueError, "one value per joint"),
-        ([q, outside], LimitError, r"way-point 1: HeadYaw = 5 rad is outside"),
+        ([q, outside], LimitError, r"waypoint 1: HeadYaw = 5 rad is outside"),
     ]:
         with pytest.raises(error, match=message):
             retime(pepper, points)

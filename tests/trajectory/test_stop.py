@@ -21,7 +21,7 @@ SETS = {
 
 
 def motions(pepper, count, seed=0, **options):
-    """Return fastest motions through random way-points, the legs near upright so that it can stand."""
+    """Return fastest motions through random waypoints, the legs near upright so that it can stand."""
     rng, found = np.random.default_rng(seed), []
     lower, upper = pepper.lower_limits.copy(), pepper.upper_limits.copy()
     lower[:3], upper[:3] = 0.06 * lower[:3], 0.06 * upper[:3]

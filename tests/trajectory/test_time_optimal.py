@@ -30,7 +30,7 @@ SETS = {
 
 
 def random_path(pepper, seed, count=5, legs=0.06):
-    """Way-points anywhere for head and arms, the legs near upright so that it can stand."""
+    """Waypoints anywhere for head and arms, the legs near upright so that it can stand."""
     rng = np.random.default_rng(seed)
     lower, upper = pepper.lower_limits.copy(), pepper.upper_limits.copy()
     lower[:3], upper[:3] = legs * lower[:3], legs * upper[:3]

@@ -1,4 +1,4 @@
-"""What lerobot reads of our data sets, value by value: `python tests/zoo/read_by_lerobot.py COUNT [SEED]`.
+"""What lerobot reads of our datasets, value by value: `python tests/zoo/read_by_lerobot.py COUNT [SEED]`.
 
 It is installed for this alone, beside the library (`pip install "lerobot[dataset]"`, Python 3.12), and is no
 part of continuous integration.
