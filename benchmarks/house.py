@@ -12,10 +12,11 @@ import subprocess
 import sys
 import tempfile
 import time
-import tokenize
 from collections import Counter
 from collections.abc import Iterator
+from importlib.machinery import SourceFileLoader
 from importlib.metadata import Distribution, distribution
+from importlib.util import module_from_spec, spec_from_loader
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,9 @@ from harness import HERE, figures, laid_out, python
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
+LOADER = SourceFileLoader("check_sizes", str(HERE / ".ci" / "check_sizes"))
+CHECK = module_from_spec(spec_from_loader(LOADER.name, LOADER))
+LOADER.exec_module(CHECK)
 HIDDEN = "PYTHONPATH", "VIRTUAL_ENV", "PYTHONDONTWRITEBYTECODE"
 IK = """
 import pepper_kin as pk
@@ -266,12 +270,6 @@ for name, call in calls.items():
 """
 
 
-NO_CODE = {
-    tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER,
-    tokenize.ENCODING,
-}  # fmt: skip
-
-
 def modules(package: Path) -> dict[str, ast.Module]:
     """Return the syntax trees of the package by the names of its modules."""
     trees = {}
@@ -338,18 +336,10 @@ def lines(folder: Path) -> int:
 
 
 def code_lines(path: Path, tree: ast.Module) -> tuple[int, int]:
-    """Return the lines with tokens but those of docstrings and comments, and how many of them are imports."""
-    nodes = list(ast.walk(tree))
-    strings = [n for n in nodes if isinstance(n, ast.Expr) and isinstance(n.value, ast.Constant)]
-    strings = [n for n in strings if isinstance(n.value.value, str)]
-    imported = [n for n in nodes if isinstance(n, ast.Import | ast.ImportFrom)]
-    docs, imports = (
-        {line for node in some for line in range(node.lineno, node.end_lineno + 1)}
-        for some in (strings, imported)
-    )
-    with path.open("rb") as file:
-        tokens = [token for token in tokenize.tokenize(file.readline) if token.type not in NO_CODE]
-    code = {line for token in tokens for line in range(token.start[0], token.end[0] + 1)} - docs
+    """Return the lines with code, as `.ci/check_sizes` counts them, and how many of them are imports."""
+    code = CHECK.code_lines(path.read_text("utf-8"), tree)
+    nodes = [node for node in ast.walk(tree) if isinstance(node, ast.Import | ast.ImportFrom)]
+    imports = {line for node in nodes for line in range(node.lineno, node.end_lineno + 1)}
     return len(code), len(code & imports)
 
 

@@ -211,9 +211,9 @@ def _in_turns(
 def _mirrored(problem: _FitProblem, response: JointResponse) -> tuple[JointResponse, _FitProblem]:
     """Shift round trips so that left and right joints have the same mean lag.
 
-    Readings that are later by d per round trip cannot be told from lags that are longer by d x
-    `reading_order`.  But the joints of the left and the right arm are of equal design and are read one after
-    the other: d makes their mean lags equal.
+    A delay d of the readings per round trip has the same effect as lags that are longer by d x
+    `reading_order`.  The joints of the left and the right arm have the same design and are read one after
+    the other, so d is the delay that makes their mean lags equal.
     """
     order = problem.logs[0].reading_order
     pairs = [
